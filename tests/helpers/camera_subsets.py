@@ -29,13 +29,14 @@ from helpers.stored_captures import StoredCapture, SubsetMatcher, copy_matches
 from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import LEAST_PAIRS, Camera, read_sparse_model
 from zeroshop_steps.geometry.sparse_files import write_reconstruction
-from zeroshop_steps.register import aliked, auto, colmap, silhouette_sfm
+from zeroshop_steps.register import aliked, colmap, silhouette_sfm
 from zeroshop_steps.register.features.sift import SiftOptions
 from zeroshop_steps.register.matching.view_graph import ViewGraph
 from zeroshop_steps.register.pipeline import StructureOptions
+from zeroshop_steps.register.proposals import Proposer, propose
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.record import OBJECT_ONLY, RegistrationFailed, Stopwatch
-from zeroshop_steps.runtime.files import write_json
+from zeroshop_steps.runtime.files import scratch_directory, write_json
 from zeroshop_steps.runtime.tables import read_table, write_table
 
 KINDS = ("all", "random", "half", "random", "gap", "above")
@@ -104,13 +105,20 @@ def register_subset(stored: StoredCapture, numbers: np.ndarray, seed: int, attem
         return replace(graph, pairs=None)
 
     learned = aliked.AlikedOptions(structure=structure)
-    ways: dict[str, auto.Attempt] = {
-        "colmap": lambda folder: colmap.register(images, folder, scene, match),
-        "aliked": lambda folder: aliked.register(images, folder, learned, lambda crops: SubsetMatcher(stored.matcher(), numbers)),
-        "outlines": lambda folder: silhouette_sfm.register(images, folder, silhouette_sfm.SilhouetteOptions(scene.sift, structure)),
-    }
     out.mkdir(parents=True)
-    return auto.register(out, {name: ways[name] for name in attempts})
+    with scratch_directory(out, "scene") as scratch:
+        proposers = [
+            *colmap.make_proposers(images, scene, scratch, match),
+            Proposer(
+                "aliked",
+                lambda folder, _: aliked.register(images, folder, learned, lambda crops: SubsetMatcher(stored.matcher(), numbers)),
+            ),
+            Proposer(
+                "outlines",
+                lambda folder, _: silhouette_sfm.register(images, folder, silhouette_sfm.SilhouetteOptions(scene.sift, structure)),
+            ),
+        ]
+        return propose(out, [proposer for proposer in proposers if proposer.name in attempts])
 
 
 def judge(cameras: Sequence[Camera], truth: Sequence[Camera]) -> dict[str, Any]:

@@ -14,12 +14,17 @@ from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
 from zeroshop_steps.geometry.images import compute_overlap, read_mask
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.register import auto
-from zeroshop_steps.register.auto import register
+from zeroshop_steps.register.proposals import Proposer, propose
 from zeroshop_steps.register.scene.image_set import read_masks
 from zeroshop_steps.register.scene.record import RegistrationFailed
 from zeroshop_steps.runtime.errors import StepError
 
 LENS = {"model": "SIMPLE_RADIAL", "width_px": 160, "height_px": 120, "params": [170.0, 80.0, 60.0, 0.5]}
+
+
+def register(out, attempts):
+    """Proposals of these names, each of which is asked anyway."""
+    return propose(out, [Proposer(name, lambda folder, _, fill=fill: fill(folder)) for name, fill in attempts.items()])
 
 
 def succeed(folder):
@@ -96,7 +101,7 @@ def test_where_all_fail_both_reasons_are_told_and_nothing_is_left(out):
 
 
 def test_without_weights_the_reason_says_how_to_get_them(blank_capture, tmp_path, monkeypatch):
-    monkeypatch.setattr(auto.silhouette_sfm, "register", lambda image_set, folder, options: fail(0)(folder))
+    monkeypatch.setattr(auto.silhouette_sfm, "register", lambda image_set, folder, **options: fail(0)(folder))
     parser = argparse.ArgumentParser()
     auto.add_arguments(parser)
     words = ["--capture", blank_capture, "--scene", "su_l", "--out", tmp_path / "cameras", "--weights", tmp_path / "nowhere"]
@@ -125,7 +130,7 @@ class BallPhotos:
             (self.folder / name).touch()
         (self.folder / "cameras").mkdir()
 
-    def register(self, image_set, folder, *options):
+    def register(self, image_set, folder, **options):
         self.taken.extend(read_masks(image_set).values())
         write_cameras(folder / "sparse", list(ball_cameras()))
         return succeed(folder) | {"lens": LENS}
@@ -133,7 +138,7 @@ class BallPhotos:
     def run(self, monkeypatch, network="saliency.onnx"):
         """The record of `auto`, where `colmap` fails."""
         records = []
-        monkeypatch.setattr(auto.colmap, "register", lambda image_set, folder, options: fail(3)(folder))
+        monkeypatch.setattr(auto.colmap, "make_proposers", lambda *_: [Proposer("colmap", lambda folder, _: fail(3)(folder))])
         monkeypatch.setattr(auto, "write_registration", lambda out, run: records.append(run(out)))
         parser = argparse.ArgumentParser()
         auto.add_arguments(parser)
@@ -162,7 +167,7 @@ def test_photos_without_masks_get_them_by_a_network(tmp_path, monkeypatch):
 def test_outlines_are_tried_with_the_masks_of_a_network_which_looks_once(tmp_path, monkeypatch):
     ball, looked, find_maps = BallPhotos(tmp_path), [], SalientObjectNetwork.find_maps
     monkeypatch.setattr(SalientObjectNetwork, "find_maps", lambda *asked: looked.append(asked) or find_maps(*asked))
-    monkeypatch.setattr(auto.aliked, "register", lambda image_set, folder, options, prepare: fail(5)(folder))
+    monkeypatch.setattr(auto.aliked, "register", lambda image_set, folder, **options: fail(5)(folder))
     monkeypatch.setattr(auto.silhouette_sfm, "register", ball.register)
     record = ball.run(monkeypatch)
     assert len(looked) == 1 and set(record["tried"]) == {"colmap", "aliked"} and record["masks_by"] == "saliency.onnx"

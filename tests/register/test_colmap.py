@@ -137,7 +137,8 @@ def test_where_too_few_images_match_finer_features_are_tried(tmp_path, monkeypat
     image_set = ImageSet(tuple(tmp_path / f"{number}.png" for number in range(40)), None, ((1280, 720),) * 40)
     tried = []
 
-    def reconstruct(images, out, options, record, stopwatch, match=None):
+    def reconstruct(images, out, database, options, record, stopwatch, match):
+        database.touch()
         tried.append(options.sift)
         record = record.add(first_octave=0)
         if len(tried) == 1:
@@ -147,7 +148,7 @@ def test_where_too_few_images_match_finer_features_are_tried(tmp_path, monkeypat
     monkeypatch.setattr(colmap, "match_and_reconstruct", reconstruct)
     record = colmap.register(image_set, tmp_path, colmap.ColmapOptions())
     assert [(sift.first_octave, sift.max_features, sift.max_side_px) for sift in tried] == [(0, 3000, 1280), (-1, 4000, 1600)]
-    assert record["coarser_features"]["reason"] == "19 of 40 images registered"
+    assert record["tried"]["colmap"]["reason"] == "19 of 40 images registered"
 
 
 @pytest.mark.parametrize(("octave", "finer"), [(0, -1), (-1, None)])

@@ -24,6 +24,7 @@ from zeroshop_steps.register.matching.verified_matches import match_features
 from zeroshop_steps.register.matching.view_graph import ViewGraph
 from zeroshop_steps.register.matching.wide_lens import WIDE_LENS_REMEDY, find_wide_lenses, set_lenses
 from zeroshop_steps.register.pipeline import StructureOptions, add_matching_arguments, read_structure_options, reconstruct
+from zeroshop_steps.register.proposals import Proposer, propose
 from zeroshop_steps.register.registration import write_registration
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.scene.record import DuplicateStructure, Inconsistent, Record, RegistrationFailed, Stopwatch, TooFewRegistered
@@ -103,109 +104,130 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions, match: Matc
     Raises:
         RegistrationFailed: too few images, or an inconsistent model.
     """
-    count = len(image_set.images)
-    try:
-        return _register_by(image_set, out, replace(options, sift=fit_to_count(options.sift, count)), match)
-    except TooFewRegistered as error:
-        finer = None if match else refine(options.sift, error.figures["first_octave"], count)
+    with scratch_directory(out, "scene") as scratch:
+        return propose(out, make_proposers(image_set, options, scratch, match))
+
+
+def make_proposers(image_set: ImageSet, options: ColmapOptions, scratch: Path, match: Match | None = None) -> list[Proposer]:
+    """What registers a scene, or the object alone; then what mends it. Databases are kept in `scratch`; the rest is as for `register`."""
+    scene = _Scene(image_set, options, scratch, match)
+    proposers = [Proposer("colmap", scene.register)]
+    if match is None:
+        proposers.append(Proposer("finer features", scene.register_by_finer_features, (TooFewRegistered,)))
+    if options.structure.leave_out and not options.structure.object_only:
+        proposers.append(Proposer("covering pairs", scene.register_by_covering_pairs, (Inconsistent,)))
+    return proposers
+
+
+@dataclass
+class _Scene:
+    """Images, and the latest matches of all pairs, which what mends a failure starts from."""
+
+    image_set: ImageSet
+    options: ColmapOptions
+    scratch: Path
+    match: Match | None
+    graph: ViewGraph | None = None
+
+    @property
+    def _database(self) -> Path:
+        return self.scratch / "database.db"
+
+    def register(self, out: Path, _: RegistrationFailed | None) -> dict[str, Any]:
+        """From all pairs."""
+        return self._register(out, fit_to_count(self.options.sift, len(self.image_set.images)))
+
+    def register_by_finer_features(self, out: Path, failure: RegistrationFailed | None) -> dict[str, Any]:
+        """From all pairs, by features at a higher resolution; raises the failure where there are none."""
+        assert failure is not None
+        finer = refine(self.options.sift, failure.figures["first_octave"], len(self.image_set.images))
         if finer is None:
-            raise
-        coarser = {"reason": str(error), "seconds": error.figures["seconds"]}
-    print(f"{coarser['reason']}; trying finer features")
-    return _register_by(image_set, out, replace(options, sift=finer), None, {"coarser_features": coarser})
+            raise failure
+        self._database.unlink()
+        return self._register(out, finer)
 
+    def _register(self, out: Path, sift: SiftOptions) -> dict[str, Any]:
+        options, stopwatch = replace(self.options, sift=sift), Stopwatch()
+        record = Record.begin("colmap", self.image_set, options, stopwatch, pycolmap)
+        return dict(match_and_reconstruct(self.image_set, out, self._database, options, record, stopwatch, match=self._match).entries)
 
-def _register_by(
-    image_set: ImageSet, out: Path, options: ColmapOptions, match: Match | None, facts: dict[str, Any] | None = None
-) -> dict[str, Any]:
-    stopwatch = Stopwatch()
-    record = Record.begin("colmap", image_set, options, stopwatch, pycolmap).add(**(facts or {}))
-    return dict(match_and_reconstruct(image_set, out, options, record, stopwatch, match=match).entries)
+    def _match(self, database: Path, image_set: ImageSet, options: ColmapOptions, stopwatch: Stopwatch) -> ViewGraph:
+        self.graph = (self.match or match_images)(database, image_set, options, stopwatch)
+        return self.graph
+
+    def register_by_covering_pairs(self, out: Path, failure: RegistrationFailed | None) -> dict[str, Any]:
+        """From those pairs alone whose matches lie all over the pictures; the pictures of neighbours must show the same."""
+        assert failure is not None and self.graph is not None
+        stopwatch, database = Stopwatch(), self.scratch / "covering/database.db"
+        database.parent.mkdir()
+        shutil.copy(self._database, database)
+        narrow = delete_pairs_of_low_coverage(database)
+        structure = replace(self.options.structure, compare_pictures=True)
+        record = Record.begin("colmap", self.image_set, self.options, stopwatch, pycolmap).judge(self.graph.evidence())
+        record = reconstruct(
+            database, self.image_set, out, structure, record.add(narrow_pairs=narrow), stopwatch, all_matches=self._database
+        )
+        if failure.figures.get("gap_evidence", {}).get("folded") and "gap_evidence" in record.entries:
+            raise record.fail("pairs that cover the pictures leave the gap: the photos across it may be those that are left out")
+        _check_spread(out, record, self.graph)
+        return dict(
+            record.warn(
+                f"sides of the object look alike, and cameras from all pairs of photos were refused ({failure}); they were found from"
+                f" those pairs whose matches lie all over the pictures, without {narrow} others"
+            ).entries
+        )
 
 
 def match_and_reconstruct(
     image_set: ImageSet,
     out: Path,
+    database: Path,
     options: ColmapOptions,
     record: Record,
     stopwatch: Stopwatch,
     start: Start | None = None,
     match: Match | None = None,
 ) -> Record:
-    """As `register`, with a record that was begun, which is completed. `start` gives a model of the matches to begin with."""
+    """Fill a new database with matches and register by them.
+
+    Args:
+        image_set, out, options, match: as for `register`.
+        database: to write.
+        record: that was begun; it is completed.
+        stopwatch: of the record.
+        start: gives a model of the matches to begin with.
+    """
     structure = options.structure
-    with scratch_directory(out, "colmap") as scratch:
-        database = scratch / "database.db"
-        graph = (match or match_images)(database, image_set, options, stopwatch)
-        record, first = record.judge(graph.evidence()), None
-        if start:
-            try:
-                first, found = start(database)
-            except RegistrationFailed as failure:
-                raise failure.after(record) from None
-            record = record.add(**found)
+    graph = (match or match_images)(database, image_set, options, stopwatch)
+    record, first = record.judge(graph.evidence()), None
+    if start:
         try:
-            done = reconstruct(database, image_set, out, structure, record, stopwatch, graph.may_match(), structure.object_only, first)
-            _check_spread(out, done, LEAST_TURN_DEG if graph.on_turntable else LEAST_SPREAD_DEG)
-            return done
+            first, found = start(database)
         except RegistrationFailed as failure:
-            if start is None and structure.leave_out and not structure.object_only and isinstance(failure, Inconsistent):
-                again = _reconstruct_from_covering_pairs(database, image_set, out, structure, record, stopwatch, failure)
-                if again is not None:
-                    return again
-            if graph.wide_lens:
-                failure = failure.because(f"{failure}. {WIDE_LENS_REMEDY}")
-            if not graph.on_turntable:
-                raise failure from None
-            still = graph.stationary.describe()
-            reason = f"{still}, and what turns is too little to find the cameras ({failure}); {TURNTABLE_REMEDY}"
-            if isinstance(failure, DuplicateStructure):  # photos of equal sides do not move either
-                reason = f"{failure}. Or {still}: then {TURNTABLE_REMEDY}"
-            raise failure.because(reason) from None
+            raise failure.after(record) from None
+        record = record.add(**found)
+    try:
+        done = reconstruct(database, image_set, out, structure, record, stopwatch, graph.may_match(), structure.object_only, first)
+        _check_spread(out, done, graph)
+        return done
+    except RegistrationFailed as failure:
+        if graph.wide_lens:
+            failure = failure.because(f"{failure}. {WIDE_LENS_REMEDY}")
+        if not graph.on_turntable:
+            raise failure from None
+        still = graph.stationary.describe()
+        reason = f"{still}, and what turns is too little to find the cameras ({failure}); {TURNTABLE_REMEDY}"
+        if isinstance(failure, DuplicateStructure):  # photos of equal sides do not move either
+            reason = f"{failure}. Or {still}: then {TURNTABLE_REMEDY}"
+        raise failure.because(reason) from None
 
 
-def _check_spread(folder: Path, record: Record, least_deg: float) -> None:
+def _check_spread(folder: Path, record: Record, graph: ViewGraph) -> None:
     """Raise RegistrationFailed where all cameras look from one side."""
     try:
-        check_spread(list(read_sparse_model(folder / "sparse").cameras), least_deg)
+        check_spread(list(read_sparse_model(folder / "sparse").cameras), LEAST_TURN_DEG if graph.on_turntable else LEAST_SPREAD_DEG)
     except StepError as error:
         raise record.fail(str(error)) from None
-
-
-def _reconstruct_from_covering_pairs(
-    database: Path,
-    image_set: ImageSet,
-    out: Path,
-    structure: StructureOptions,
-    record: Record,
-    stopwatch: Stopwatch,
-    wrong: RegistrationFailed,
-) -> Record | None:
-    """The record of cameras from those pairs alone whose matches lie all over the pictures, where `wrong` ones came of all; None without.
-
-    Such cameras must pass all checks, and the pictures of neighbours must show the same.
-    """
-    scratch = database.parent / "wide"
-    scratch.mkdir()
-    shutil.copy(database, scratch / database.name)
-    narrow = delete_pairs_of_low_coverage(scratch / database.name)
-    for part in ("images", "masks", "sparse"):
-        shutil.rmtree(out / part, ignore_errors=True)
-    compared = replace(structure, compare_pictures=True)
-    try:
-        found = reconstruct(
-            scratch / database.name, image_set, out, compared, record.add(narrow_pairs=narrow), stopwatch, all_matches=database
-        )
-    except RegistrationFailed as error:
-        print(f"pairs of photos whose matches lie all over the pictures do not give the cameras either: {error}")
-        return None
-    if wrong.figures.get("gap_evidence", {}).get("folded") and "gap_evidence" in found.entries:
-        print("pairs of photos whose matches lie all over the pictures leave the gap: the photos across it may be those that are left out")
-        return None
-    return found.warn(
-        f"sides of the object look alike, and cameras from all pairs of photos were refused ({wrong}); they were found from those"
-        f" pairs whose matches lie all over the pictures, without {narrow} others"
-    )
 
 
 def match_images(database: Path, image_set: ImageSet, options: ColmapOptions, stopwatch: Stopwatch) -> ViewGraph:

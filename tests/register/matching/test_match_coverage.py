@@ -8,14 +8,14 @@ import pytest
 
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.register import colmap
-from zeroshop_steps.register.colmap import ColmapOptions, match_and_reconstruct
+from zeroshop_steps.register.colmap import ColmapOptions
 from zeroshop_steps.register.matching.match_coverage import LEAST_CELLS, delete_pairs_of_low_coverage
 from zeroshop_steps.register.matching.turntable import StationaryMatches
 from zeroshop_steps.register.matching.view_graph import ViewGraph
 from zeroshop_steps.register.pipeline import StructureOptions
 from zeroshop_steps.register.scene.image_set import read_image_set
 from zeroshop_steps.register.scene.picture_cells import CELLS
-from zeroshop_steps.register.scene.record import DuplicateStructure, Inconsistent, Record, RegistrationFailed, Stopwatch, TooFewRegistered
+from zeroshop_steps.register.scene.record import DuplicateStructure, Inconsistent, RegistrationFailed, TooFewRegistered
 
 WIDTH, HEIGHT = 320, 240
 REASONS = ("the first reason", "the second reason")
@@ -71,6 +71,7 @@ def run(tmp_path, image_set, monkeypatch, kinds, options, gaps=({}, {})):
         return record.add(registered=3)
 
     monkeypatch.setattr(colmap, "reconstruct", reconstruct)
+    monkeypatch.setattr(colmap, "_check_spread", lambda *_: None)
 
     def match(database, *_):
         fill(database, {(1, 2): CELLS**2, (2, 3): 1})
@@ -79,7 +80,7 @@ def run(tmp_path, image_set, monkeypatch, kinds, options, gaps=({}, {})):
     out = tmp_path / "out"
     out.mkdir()
     try:
-        return match_and_reconstruct(image_set, out, ColmapOptions(structure=options), Record(), Stopwatch(), match=match).entries, asked
+        return colmap.register(image_set, out, ColmapOptions(structure=options), match), asked
     except RegistrationFailed as error:
         return str(error), asked
 

@@ -121,7 +121,7 @@ def test_a_refusal_names_the_wide_lens(tmp_path, monkeypatch):
     graph = ViewGraph(1000.0, 0, "estimated", 190, still, on_turntable=False, wide_lens=True)
     images = ImageSet((tmp_path / "1.png",), None, ((WIDTH, HEIGHT),))
     with pytest.raises(TooFewRegistered, match=r"2 of 20 images registered\. Besides, .* through a wide lens .* use the 1x lens"):
-        match_and_reconstruct(images, tmp_path, ColmapOptions(), Record(), Stopwatch(), match=lambda *_: graph)
+        match_and_reconstruct(images, tmp_path, tmp_path / "database.db", ColmapOptions(), Record(), Stopwatch(), match=lambda *_: graph)
 
 
 def test_depth_anything_refuses_wide_lenses(tmp_path):

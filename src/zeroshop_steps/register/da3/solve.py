@@ -28,6 +28,7 @@ from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, 
 from zeroshop_steps.register.vggt.frames import Frames, find_usable_pixels, fit_size, read_frames
 from zeroshop_steps.register.vggt.memory import load_network
 from zeroshop_steps.register.vggt.network import VggtOutput, read_settings, resolve_published
+from zeroshop_steps.runtime.files import scratch_directory
 
 REMEDY = "take more pictures in between, or put the object on a strongly textured surface"
 REFINE = "refine by matches (register.da3.refine), or "
@@ -93,7 +94,8 @@ def register(
         colmap = replace(options.colmap, sift=fit_to_count(options.colmap.sift, count))
         start = partial(start_from_cameras, RoughScene(cameras, frames, predicted.depth), image_set, options)
         try:
-            return dict(match_and_reconstruct(image_set, out, colmap, record, stopwatch, start).entries)
+            with scratch_directory(out, "matches") as scratch:
+                return dict(match_and_reconstruct(image_set, out, scratch / "database.db", colmap, record, stopwatch, start).entries)
         except TooFewMatches as few:
             lack = f"{few}; and "
             found = f"{few}: the cameras are the network's own, which are less exact"
