@@ -7,15 +7,19 @@ from helpers.table_scene import COUNT, ball_mask, table_views
 from zeroshop_steps.geometry.images import compute_overlap
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.exposure import Exposure
-from zeroshop_steps.segment.finder import find_masks
+from zeroshop_steps.segment.finder import find_all_on, find_masks
+from zeroshop_steps.segment.list_objects import SHOWN_WIDTH_PX, describe_objects, draw_objects
+from zeroshop_steps.segment.objects import NothingFound
+from zeroshop_steps.segment.scene import read_mask_scene
 from zeroshop_steps.segment.scores import REASONS
+from zeroshop_steps.segment.support import propose_supports
 
 BALL = (0.0, 0.0, 0.5)
 
 
-def find(views, model, saliency=None):
+def find(views, model, saliency=None, place=None):
     exposure = Exposure(np.zeros((len(views), 3)), False, [])
-    return find_masks(views, model, exposure, saliency, None, 240)
+    return find_masks(views, model, exposure, saliency, None, 240, place=place)
 
 
 def tell(folder, balls_in, plain=False):
@@ -46,6 +50,25 @@ def test_of_two_things_the_one_in_the_middle_is_taken(tmp_path):
     truths = [ball_mask(view.camera, (0.1, 0.0, 0.4)) for view in views]
     assert np.median([compute_overlap(mask, truth) for mask, truth in zip(masks, truths, strict=True)]) > 0.85
     assert record["objects"] >= 2
+
+
+@pytest.mark.slow
+def test_each_of_several_objects_can_be_meant(tmp_path):
+    """All are listed, and each is found again by its place, in other numbers' order, too; a place without one is an error."""
+    balls = [(0.7, 0.0, 0.35), (-0.7, 0.0, 0.35)]
+    views, model = table_views(tmp_path, [balls] * COUNT)
+    scene = read_mask_scene(views, model, Exposure(np.zeros((COUNT, 3)), False, []), None, 240)
+    found = find_all_on(scene, next(propose_supports(model, views, 0)))[1]
+    listed = describe_objects(scene, found)
+    assert len(listed) == 2 and draw_objects(scene, found).shape[1] == 3 * SHOWN_WIDTH_PX
+    for ball in balls:
+        nearest = min(listed, key=lambda one: np.linalg.norm(one.center[:2] - ball[:2]))
+        assert np.linalg.norm(nearest.center[:2] - ball[:2]) < 0.2 and nearest.cut_off == 0
+        masks, _ = find(views, model, place=nearest.center)
+        overlaps = [compute_overlap(mask, ball_mask(view.camera, ball)) for mask, view in zip(masks, views, strict=True)]
+        assert np.median(overlaps) > 0.8
+    with pytest.raises(NothingFound, match="not found again"):
+        find(views, model, place=np.array([0.0, 1.2, 0.4]))
 
 
 @pytest.mark.slow

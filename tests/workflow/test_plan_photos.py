@@ -59,3 +59,19 @@ def test_a_capture_takes_as_many_pictures_as_its_row_says(snakemake, tmp_path):
     run = snakemake("-n", *targets, "--config", f"objects_table={table}")
     assert run.returncode == 0, run.stdout
     assert "--frames 61 --spacing view --most-frames 92" in run.stdout and "--most-images 100" in run.stdout
+
+
+def test_several_objects_share_photos_and_cameras(snakemake, tmp_path):
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images/a.png").touch()
+    table = tmp_path / "objects.tsv"
+    rows = [f"photos\t{name}\t{tmp_path}/images\t\t\t{owner}" for name, owner in (("shelf", "\t"), ("cup", "shelf\t2"))]
+    table.write_text("\n".join(["dataset\tobject\timages\tmasks\theight_m\tscene_of\tnumber", *rows, ""]))
+    run = snakemake("-n", "results/photos/cup/2dgs.ply", "--config", f"objects_table={table}")
+    assert run.returncode == 0, run.stdout
+    shared = ["capture_photos", "register_photos", "share_capture", "share_scene", "list_objects"]
+    assert planned(run.stdout) == dict.fromkeys([*shared, "segment", *CELL], 1)
+    assert "--objects results/photos/shelf/video/auto/objects/objects.json --number 2" in run.stdout
+    table.write_text(table.read_text().replace("shelf\t2", "shop\t2"))
+    run = snakemake("-n", "results/photos/cup/2dgs.ply", "--config", f"objects_table={table}")
+    assert run.returncode != 0 and "photos cup: scene_of names shop, which is no object of photos with photos of its own" in run.stdout

@@ -44,6 +44,17 @@ def later_passes(
     return scenes
 
 
+def scene_owner(
+    wildcards,
+):
+    """The object whose photos show this one, too; empty where it has photos of its own."""
+    return "" if is_filmed(wildcards.dataset) else photos_of(wildcards)["scene_of"]
+
+
+# Objects in photos of other ones, as a regular expression.
+SHARED = "|".join(name for (_, name), row in PHOTOS.items() if row["scene_of"]) or "(?!)"
+
+
 def pass_column(
     wildcards,
 ):
@@ -197,3 +208,28 @@ rule capture_photos:
     shell:
         "python -m zeroshop_steps.capture --method {params.method} --images {params.images:q} {params.options}"
         " --out {output.capture} > {log} 2>&1"
+
+
+rule share_capture:
+    input:
+        folder=lambda wildcards: f"{RESULTS}/{wildcards.dataset}/{scene_owner(wildcards)}/{wildcards.scene}/capture",
+    output:
+        folder=directory(f"{SCENE}/capture"),
+    log:
+        f"{SCENE}/logs/capture.log",
+    benchmark:
+        f"{SCENE}/benchmarks/capture.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("photos"),
+        object=SHARED,
+        scene=WHOLE_SCENE,
+    resources:
+        mem_mb=per_attempt(500),
+        runtime=per_attempt(5),
+    message:
+        "Taking the photos that show {wildcards.object}, too"
+    shell:
+        "python -m zeroshop_steps.capture --method share --folder {input} --out {output} > {log} 2>&1"
+
+
+ruleorder: share_capture > capture_photos

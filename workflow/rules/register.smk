@@ -140,3 +140,19 @@ use rule register as register_photos with:
         scene=f"(?!{JOINED_PHOTOS}/)[^/]+",
     message:
         "Registering the photos of {wildcards.object} with {wildcards.registration}"
+
+
+use rule share_capture as share_scene with:
+    input:
+        folder=lambda wildcards: f"{RESULTS}/{wildcards.dataset}/{scene_owner(wildcards)}/{wildcards.scene}/{wildcards.registration}/scene",
+    output:
+        folder=directory(f"{RUN}/scene"),
+    log:
+        f"{RUN}/logs/register.log",
+    benchmark:
+        f"{RUN}/benchmarks/register.tsv"
+    message:
+        "Taking the cameras that see {wildcards.object}, too"
+
+
+ruleorder: share_scene > register_photos

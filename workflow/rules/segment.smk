@@ -49,7 +49,18 @@ def segmentation_options(
     name = segmentation_method(wildcards)
     if name == GIVEN_MASKS:
         return step_options({"capture": f"{SCENE}/capture".format(**wildcards)})
-    return options_of_segmentation(wildcards, name)
+    options = options_of_segmentation(wildcards, name)
+    for listed in listed_objects(wildcards):
+        options += " " + step_options({"objects": f"{listed}/objects.json", "number": photos_of(wildcards)["number"]})
+    return options
+
+
+def listed_objects(
+    wildcards,
+):
+    """The list of all objects in a scene that belongs to another object; empty where there is none."""
+    owner = scene_owner(wildcards)
+    return [f"{RESULTS}/{wildcards.dataset}/{owner}/{wildcards.scene}/{wildcards.registration}/objects"] if owner else []
 
 
 def options_of_segmentation(
@@ -121,10 +132,35 @@ rule capture_object:
         " {params.options} > {log} 2>&1"
 
 
+rule list_objects:
+    input:
+        scene=f"{RUN}/scene",
+    output:
+        objects=directory(f"{RUN}/objects"),
+    log:
+        f"{RUN}/logs/list_objects.log",
+    benchmark:
+        f"{RUN}/benchmarks/list_objects.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("photos", "films"),
+        scene=WHOLE_SCENE,
+    threads: 2
+    resources:
+        mem_mb=per_attempt(4000),
+        runtime=per_attempt(30),
+    params:
+        options=step_options({"seed": config["seed"]}),
+    message:
+        "Listing the objects in the photos of {wildcards.object}"
+    shell:
+        "python -m zeroshop_steps.segment --method list_objects --scene {input.scene} {params.options} --out {output} > {log} 2>&1"
+
+
 rule segment:
     input:
         scene=f"{RUN}/scene",
         capture=f"{SCENE}/capture",
+        objects=listed_objects,
     output:
         cameras=directory(f"{RUN}/cameras"),
     log:

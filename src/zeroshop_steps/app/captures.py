@@ -31,6 +31,8 @@ class Capture:
     height_method: str = ""
     marker_images: str = ""
     depth: str = ""
+    scene_of: str = ""
+    number: str = ""
 
 
 COLUMNS = ["dataset", *(field.name for field in fields(Capture))]

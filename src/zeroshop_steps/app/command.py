@@ -80,22 +80,27 @@ _of_mesh = click.option("--method", default=METHODS[0], show_default=True, help=
     f"Salient-object network that finds the object: {', '.join(NETWORKS)}, an ONNX file, or none."))  # fmt: skip
 @click.option("--count", type=int, metavar="N", help="Frames to take of a film, or photos at most.",
               show_default="20, and more where a film needs them; 60 photos")  # fmt: skip
+@click.option("--objects", metavar="all|N|1,4", help=(
+    "Make a mesh of each of several objects in the photos: of all, of the N likeliest, or of these numbers."))  # fmt: skip
 @click.option("--open", "opens", is_flag=True, help="Open the report in a browser at the end.")
 @_run_options
 @_of_mesh
-def mesh(board: str | None, opens: bool, cores: int, **asked: Any) -> int:
+def mesh(board: str | None, objects: str | None, opens: bool, cores: int, **asked: Any) -> int:
     """Make the mesh of an object from its photos or films.
 
     Give up to three, for which the object is turned over in between. The command's name may be left out: `zeroshop photos/mug`.
     """
     from zeroshop_steps.app.reconstruction import Request, make_mesh
+    from zeroshop_steps.app.several_objects import make_meshes
 
-    start_s = time.time()
-    outcome = make_mesh(Request(board=board is not None, board_photos=Path(board) if board else None, cores=cores, **asked))
-    print("\n".join(outcome.describe(start_s)))
-    if outcome.done and opens:
+    start_s, done = time.time(), []
+    request = Request(board=board is not None, board_photos=Path(board) if board else None, cores=cores, **asked)
+    for outcome in make_meshes(request, objects) if objects else [make_mesh(request)]:
+        print("\n".join(outcome.describe(start_s)))
+        done.append(outcome.done)
+    if all(done) and opens:
         _make_report(outcome.folder, outcome.cores, True)
-    return 0 if outcome.done else 1
+    return 0 if all(done) else 1
 
 
 @zeroshop.command()

@@ -159,24 +159,47 @@ def make_mesh(request: Request) -> Outcome:
     Raises:
         StepError: what is asked for cannot be done.
     """
-    request.check()
-    provide_weights()
-    settings = settings_of_inputs(request.network)
-    folder, capture = request.into.resolve(), request.capture()
-    folder.mkdir(parents=True, exist_ok=True)
-    capture = add_capture(folder, capture)
+    settings, folder, capture = prepare(request)
     results = folder / "results/photos" / capture.object
-    print(f"{', '.join(map(str, request.sources))} -> {results}", file=sys.stderr)
-    log, target = results / "logs/zeroshop.log", f"results/photos/{capture.object}/{request.method}.ply"
-    run = partial(run_workflow, target, folder, folder / TABLE, request.cores, log, settings)
+    run = partial(run_for, request, settings, capture, f"{request.method}.ply")
     done = run()
     scene, registration = read_chosen_cell(settings)
     if not (done or capture.picture_count or capture.images_2) and (count := count_more_frames(results / scene / registration)):
         print(f"The frames have no sure cameras; trying again with {count} of the film", file=sys.stderr)
         add_capture(folder, replace(capture, picture_count=str(count)))
         done = run()
+    return describe_run(request, settings, capture, done)
+
+
+def prepare(request: Request) -> tuple[dict[str, Any], Path, Capture]:
+    """Put a request into the table of its folder: the settings of the config, the absolute folder, and the row.
+
+    Raises:
+        StepError: what is asked for cannot be done.
+    """
+    request.check()
+    provide_weights()
+    settings = settings_of_inputs(request.network)
+    folder, capture = request.into.resolve(), request.capture()
+    folder.mkdir(parents=True, exist_ok=True)
+    capture = add_capture(folder, capture)
+    print(f"{', '.join(map(str, request.sources))} -> {folder / 'results/photos' / capture.object}", file=sys.stderr)
+    return settings, folder, capture
+
+
+def run_for(request: Request, settings: dict[str, Any], capture: Capture, target: str) -> bool:
+    """Make a file or folder below the results of an object; whether that went well."""
+    folder, results = request.into.resolve(), Path("results/photos") / capture.object
+    return run_workflow(str(results / target), folder, folder / TABLE, request.cores, folder / results / "logs/zeroshop.log", settings)
+
+
+def describe_run(request: Request, settings: dict[str, Any], capture: Capture, done: bool) -> Outcome:
+    """What came of the run for an object."""
+    scene, registration = read_chosen_cell(settings)
+    folder = request.into.resolve()
+    results = folder / "results/photos" / capture.object
     cell = results / (JOINED_PHOTOS if capture.images_2 else scene) / registration / request.method
-    return Outcome(done, folder / target, cell, log, folder, folder / TABLE, request.cores)
+    return Outcome(done, results / f"{request.method}.ply", cell, results / "logs/zeroshop.log", folder, folder / TABLE, request.cores)
 
 
 def find_outcome(name: str, method: str = METHODS[0], into: Path = Path(), cores: int = os.cpu_count() or 2) -> Outcome:

@@ -7,7 +7,7 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.rays import find_nearest_point
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.support_plane import SMALLEST_TRIANGLE, Plane, estimate_up_from_roll
+from zeroshop_steps.geometry.support_plane import SMALLEST_TRIANGLE, Plane, propose_ups
 from zeroshop_steps.runtime.errors import StepError
 
 # Lengths are shares of the cameras' median distance from the focus.
@@ -75,11 +75,9 @@ def fit_scene_support(model: SparseModel, views: list[View], seed: int = 0) -> S
     )
     if len(near) < MIN_INLIERS:
         raise fault
-    up, _ = estimate_up_from_roll(views)
     threshold = THRESHOLD_DISTANCES * distance
-    normals, offsets = _sample_planes(near, up, distance, np.random.default_rng(seed))
-    upright = (normals @ up >= np.cos(np.radians(MAX_TILT_DEG))) & ((centres @ normals.T > offsets).mean(0) >= CAMERAS_ABOVE_SHARE)
-    normals, offsets = normals[upright], offsets[upright]
+    found = [_sample_upright_planes(near, up, centres, distance, np.random.default_rng(seed)) for up, _ in propose_ups(views)]
+    normals, offsets = (np.concatenate(parts) for parts in zip(*found, strict=True))
     parts = [slice(start, start + AT_ONCE) for start in range(0, len(normals), AT_ONCE)]
     scores = np.concatenate([[0.0], *(_score(near, focus, normals[part], offsets[part], threshold, distance) for part in parts)])
     if not scores.argmax():
@@ -88,8 +86,8 @@ def fit_scene_support(model: SparseModel, views: list[View], seed: int = 0) -> S
     for _ in range(REFINEMENT_ROUNDS):
         chosen = near[np.abs(near @ normal - offset) < threshold]
         mean = chosen.mean(0)
-        normal = np.linalg.svd(chosen - mean, full_matrices=False)[2][2]
-        normal = normal * (1.0 if normal @ up > 0 else -1.0)
+        before, normal = normal, np.linalg.svd(chosen - mean, full_matrices=False)[2][2]
+        normal = normal * (1.0 if normal @ before > 0 else -1.0)
         offset = float(mean @ normal)
     on_plane = near[np.abs(near @ normal - offset) < threshold]
     aside = measure_aside(on_plane, focus, normal)
@@ -123,6 +121,15 @@ def measure_aside(points: np.ndarray, focus: np.ndarray, normal: np.ndarray) -> 
     """(P,) distances of (P, 3) points from the line through the focus along a unit normal."""
     offsets = points - focus
     return np.linalg.norm(offsets - (offsets @ normal)[:, None] * normal, axis=1)
+
+
+def _sample_upright_planes(
+    points: np.ndarray, up: np.ndarray, centres: np.ndarray, scale: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Those of `_sample_planes` that are about level where (3,) is up, with nearly all (N, 3) camera centres above them."""
+    normals, offsets = _sample_planes(points, up, scale, rng)
+    upright = (normals @ up >= np.cos(np.radians(MAX_TILT_DEG))) & ((centres @ normals.T > offsets).mean(0) >= CAMERAS_ABOVE_SHARE)
+    return normals[upright], offsets[upright]
 
 
 def _sample_planes(points: np.ndarray, up: np.ndarray, scale: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

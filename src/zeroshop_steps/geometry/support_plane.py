@@ -162,35 +162,42 @@ def sample_planes(
 
 
 def estimate_up_from_roll(views: list[View]) -> tuple[np.ndarray, float]:
-    """Estimate up from how the photos were held: as the axis most orthogonal to all cameras' x axes, on the side of their mean -y axis.
-
-    Where photos are portrait and landscape mixed, the more frequent of the two counts: the others may be stored on their side, without
-    a word of it in EXIF. All may be: then up is most orthogonal to their y axes, on the side from which they look. Or some of one size
-    are: where another direction explains the rolls as quarter turns much better, they are turned back by these first.
+    """Estimate up from how the photos were held: the likeliest of `propose_ups`.
 
     Returns:
         up: (3,) unit vector in the registration's frame.
         certainty: 0 to 1; near 0 the x axes leave the axis open (all cameras look one way, or are rolled).
+    """
+    return propose_ups(views)[0]
+
+
+def propose_ups(views: list[View]) -> list[tuple[np.ndarray, float]]:
+    """Directions that may be up, the likeliest first, with their certainty: by how the photos were held.
+
+    The axis most orthogonal to all cameras' x axes is one, on the side of their mean -y axis. Where photos are portrait and landscape
+    mixed, the more frequent of the two counts: the others may be stored on their side, without a word of it in EXIF. All may be: then up is
+    most orthogonal to their y axes, on the side from which they look. Or some of one size are: where another direction explains the rolls
+    as quarter turns much better, they are turned back by these first, and that is the likeliest.
     """
     upright = np.array([view.camera.height_px > view.camera.width_px for view in views])
     usual = upright == (upright.mean() > 0.5)
     rotations = np.array([view.camera.camera_from_world[:3, :3] for view in views])
     up, certainty = _estimate_up(rotations[usual])
     if len(views) < LEAST_ROLLED:
-        return up, certainty
+        return [(up, certainty)]
     polar, azimuth = spread_over_sphere(CANDIDATES_OF_UP)
     candidates = np.column_stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
     square = _measure_squareness(rotations, candidates)
     as_it_is = float(_measure_squareness(rotations, up[None])[0])
     if square.max() <= max(LEAST_SQUARE, as_it_is + BETTER_SQUARE):
-        return up, certainty
+        return [(up, certainty)]
     axes = rotations @ candidates[square.argmax()]
     held = np.abs(axes[:, 1]) > np.abs(axes[:, 0])
     # Most photos that are not sideways are upright; where nearly all are sideways, they look down.
     if (axes[held, 1].sum() if held.mean() > LEAST_HELD else axes[:, 2].sum()) > 0:
         axes = -axes
     quarters = np.rint(np.arctan2(axes[:, 0], -axes[:, 1]) / (np.pi / 2)).astype(int) % 4
-    return _estimate_up(QUARTER_TURNS[quarters] @ rotations)
+    return [_estimate_up(QUARTER_TURNS[quarters] @ rotations), (up, certainty)]
 
 
 def _measure_squareness(rotations: np.ndarray, ups: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ import errno
 import fcntl
 import json
 import os
+import shutil
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -110,6 +111,14 @@ def _not_written(path: Path, error: OSError) -> StepError:
 def _is_own(name: Path, path: Path) -> bool:
     """Whether an error names the product, a folder above it, or its temporary."""
     return name == path or name in path.parents or path in name.parents or any(part.startswith(".") and PART in part for part in name.parts)
+
+
+def link_or_copy(source: Path | str, target: Path | str) -> None:
+    """Link a file to another name, or copy it where the file system has no links."""
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -157,19 +157,25 @@ def read_objects(
             )
         cells = [cell.strip() for cell in cells] + [""] * (len(columns) - len(cells))
         row: Row = dict.fromkeys(schema["properties"], "") | dict(zip(columns, cells, strict=True))
-        row |= {name: _number(row[name]) if row[name] else None for name in ("height_m", "mass_kg", "picture_count")}
+        row |= {name: _number(row[name]) if row[name] else None for name in ("height_m", "mass_kg", "picture_count", "number")}
         faults = _faults(row, schema)
         if faults:
             raise StepError(f"{table}, line {number}: " + "; ".join(faults))
-        row["picture_count"] = int(row["picture_count"]) if row["picture_count"] else None
+        row |= {name: int(row[name]) if row[name] else None for name in ("picture_count", "number")}
         if row["object"] in RESERVED_NAMES:
             raise StepError(f"{table}, line {number}: {row['object']} is a folder of the whole dataset; give the object another name")
         if row["height_method"] in set(given_heights) and row["height_m"] is None:
             raise StepError(f"{table}, line {number}: height_method {row['height_method']} needs the height in metres in height_m")
+        if bool(row["scene_of"]) != bool(row["number"]):
+            raise StepError(f"{table}, line {number}: scene_of and number belong together; give both or none")
         key = row["dataset"], row["object"]
         if key in rows:
             raise StepError(f"{table}, line {number}: {key[0]} {key[1]} is there twice; give each capture a name of its own")
         rows[key] = row
+    for (dataset, name), row in rows.items():
+        owner = row["scene_of"]
+        if owner and ((dataset, owner) not in rows or rows[dataset, owner]["scene_of"]):
+            raise StepError(f"{table}: {dataset} {name}: scene_of names {owner}, which is no object of {dataset} with photos of its own")
     return rows
 
 

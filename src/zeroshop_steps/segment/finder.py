@@ -62,6 +62,7 @@ def find_masks(
     network: SalientObjectNetwork | None,
     width_px: int = WIDTH_PX,
     seed: int = 0,
+    place: np.ndarray | None = None,
 ) -> tuple[list[np.ndarray], dict[str, Any]]:
     """(H, W) bool masks of all views, of the photos' sizes, and the record of their quality.
 
@@ -71,6 +72,7 @@ def find_masks(
         saliency, network: what a salient-object network sees in each whole photo, (h, w) of 0 to 1, and the network; None without one.
         width_px: photos are cut at this width.
         seed: of RANSAC.
+        place: (3,) world position of the object that is meant; None for the likeliest.
 
     Raises:
         StepError: nothing is found, or the masks are likely wrong.
@@ -80,7 +82,7 @@ def find_masks(
     failures: list[tuple[NothingFound, Candidate]] = []
     for candidate in propose_supports(model, views, seed):
         try:
-            for hypothesis in try_support(scene, candidate, network):
+            for hypothesis in try_support(scene, candidate, network, place=place):
                 if best is None or hypothesis.score.probability > best.score.probability:
                     best = hypothesis
         except NothingFound as error:
@@ -89,7 +91,7 @@ def find_masks(
             break
     if best is None:
         failure, candidate = failures[0]
-        moved = "" if isinstance(failure, TwoObjects) else find_motion(scene, candidate)
+        moved = "" if isinstance(failure, TwoObjects) or place is not None else find_motion(scene, candidate)
         raise NothingFound(moved) if moved else failure
     names = [view.camera.name for view in views]
     masks = [
@@ -98,7 +100,7 @@ def find_masks(
     ]
     whole = map_in_threads(lay_back, masks, best.scene.windows, views)
     if best.score.probability < LEAST:
-        if moved := find_motion(scene, best.candidate):
+        if place is None and (moved := find_motion(scene, best.candidate)):
             raise MasksRejected(moved, whole, set())
         raise MasksRejected(
             f"the object was not told from what is around it: {REASONS[best.score.doubt]}. Put it alone on a ground of other colours, keep"
@@ -110,16 +112,24 @@ def find_masks(
 
 
 def try_support(
-    scene: MaskScene, candidate: Candidate, network: SalientObjectNetwork | None, without: Sequence[str] = ()
+    scene: MaskScene,
+    candidate: Candidate,
+    network: SalientObjectNetwork | None,
+    without: Sequence[str] = (),
+    place: np.ndarray | None = None,
 ) -> Iterator[Hypothesis]:
     """Masks on one plane, by all cues but those in `without`: of the likeliest object, and of the next if it may be meant instead.
+
+    Where the object that is meant has a `place`, (3,) in the world, of that one alone.
 
     Raises:
         NothingFound: nothing is found on it.
     """
-    support = scene.place(candidate.support)
-    odds = estimate_odds(scene, start_guess(scene, support), without)
-    found = find_objects(scene.cameras, support, *scene.focus, odds)
+    if place is not None:
+        support, found, odds = find_all_on(scene, candidate)
+        yield _cut_out(scene, candidate, support, found, found.find_at(place), odds, network, without, None)
+        return
+    support, found, odds = find_on(scene, candidate, without)
     rival = found.measure_rival(1)
     if rival > EQUAL:
         raise TwoObjects(
@@ -127,7 +137,21 @@ def try_support(
             " of the photos"
         )
     for number in (1, 2)[: 1 if rival < RIVAL else 2]:
-        yield _cut_out(scene, candidate, support, found, number, odds, network, without)
+        yield _cut_out(scene, candidate, support, found, number, odds, network, without, found.measure_rival(number))
+
+
+def find_on(
+    scene: MaskScene, candidate: Candidate, without: Sequence[str] = ()
+) -> tuple[SceneSupport | None, SceneObjects, list[np.ndarray]]:
+    """A plane, the objects on it, and the log odds, (h, w) in each photo, that told them. Raises NothingFound where there are none."""
+    support = scene.place(candidate.support)
+    odds = estimate_odds(scene, start_guess(scene, support), without)
+    return support, find_objects(scene.cameras, support, *scene.focus, odds), odds
+
+
+def find_all_on(scene: MaskScene, candidate: Candidate) -> tuple[SceneSupport | None, SceneObjects, list[np.ndarray]]:
+    """As `find_on`, without the salient-object network, which sees one of several objects, or the sheet that they stand on."""
+    return find_on(replace(scene, saliency=None), candidate)
 
 
 def _cut_out(
@@ -139,8 +163,12 @@ def _cut_out(
     odds: Sequence[np.ndarray],
     network: SalientObjectNetwork | None,
     without: Sequence[str],
+    rival: float | None,
 ) -> Hypothesis:
-    """Masks of the object of this number; `odds`, (h, w), of the whole photos found it."""
+    """Masks of the object of this number; `odds`, (h, w), of the whole photos found it.
+
+    `rival` is how likely another one is meant; None where the user said which, and it does not matter what the network sees in the photos.
+    """
     block = cut_block(found, number)
     closer_scene, closer_support = look_closer(scene, support, block.grid, block.occupied, network)
     votes = count_votes(block.grid, block.index, scene.cameras, odds, VOTE_ODDS)
@@ -151,7 +179,9 @@ def _cut_out(
         if settled is not None and abs(settled.offset - closer_support.offset) > SETTLED * scene.focus[1]:
             solution = solve(closer_scene, replace(settled, distance=closer_support.distance), block, votes, without)
     qualities = compare_with_hull([mask > 0.5 for mask in solution.masks], solution.hulls)
-    measures = measure(closer_scene, solution, qualities, found.measure_rival(number))
+    measures = measure(closer_scene, solution, qualities, rival or 0.0)
+    if rival is None:
+        measures = replace(measures, network_difference=0.0)
     return Hypothesis(candidate, settled is not None, closer_scene, solution, qualities, measures, score(measures), found.count)
 
 

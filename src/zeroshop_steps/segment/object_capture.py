@@ -16,12 +16,11 @@ import numpy as np
 
 from zeroshop_steps.geometry.images import list_images, read_image, read_mask, write_image, write_mask
 from zeroshop_steps.methods import SEGMENTATIONS
-from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
+from zeroshop_steps.runtime.files import atomic_directory, link_or_copy, read_json, write_json
 from zeroshop_steps.segment.record import (
     RECORD,
     add_rejected_argument,
     draw_mask_sheet,
-    link_or_copy,
     read_mask_record,
     show_rejected_masks,
     warn_of_dropped,

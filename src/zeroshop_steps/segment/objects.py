@@ -20,6 +20,7 @@ COARSE_VOXELS, REACH = 96, 0.6  # along each edge of the searched block, and hal
 BELOW_VOXELS = 2  # of the block's lower face below the plane, which is not exact
 LEAST_VOXELS = 40  # of an object; smaller clusters are noise
 VOTE_ODDS = 1.5  # log odds that count as a full vote
+NEAR_VOXELS = 4  # of the listed middle of an object, by which another plane, or less exact cameras, may move it
 BRIDGE_VOXELS = 1  # a bridge no wider than twice this does not join two objects
 FINE_VOXELS = 96  # along the longest edge of the block around an object
 MARGIN = 0.15  # of that block around the object, as a share of its size
@@ -55,6 +56,14 @@ class SceneObjects:
         """How likely another object is meant instead of this one: 1 where one is rated alike or better, 0 where there is none."""
         others = [rating for place, rating in enumerate(self.ratings, 1) if place != number]
         return min(math.exp(max(others) - self.ratings[number - 1]), 1.0) if others else 0.0
+
+    def find_at(self, place: np.ndarray) -> int:
+        """The number of the object at a world position, (3,). Raises NothingFound where there is none."""
+        index = np.argwhere(self.labels > 0)
+        away = np.linalg.norm(self.grid.centres(index) - place, axis=1)
+        if away.min() > NEAR_VOXELS * self.grid.side:
+            raise NothingFound("the object that is meant was not found again where the list of objects has it; list them anew")
+        return int(self.labels[tuple(index[away.argmin()])])
 
     @property
     def count(self) -> int:

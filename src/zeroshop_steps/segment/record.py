@@ -6,8 +6,6 @@ registration wrote it, segmentation.json with the quality of the masks, exposure
 
 import argparse
 import contextlib
-import os
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -24,7 +22,7 @@ from zeroshop_steps.register.refinement.camera_deviation import write_deviations
 from zeroshop_steps.register.refinement.silhouette_refinement import Straightened, carry_plane, straighten_cameras, warn_of_bent_cameras
 from zeroshop_steps.register.scene.record import read_registration
 from zeroshop_steps.runtime.errors import warn
-from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
+from zeroshop_steps.runtime.files import atomic_directory, link_or_copy, read_json, write_json
 from zeroshop_steps.runtime.thread_pool import map_in_threads
 from zeroshop_steps.segment.exposure import Exposure, equalize_exposure, estimate_exposure
 from zeroshop_steps.segment.mask_agreement import assess_masks
@@ -166,11 +164,3 @@ def draw_mask_sheet(paths: list[Path], masks: list[np.ndarray], dropped: set[str
         return tile
 
     return arrange_in_rows(map_in_threads(draw, paths, masks))
-
-
-def link_or_copy(source: Path, target: Path) -> None:
-    """Link a file to another name, or copy it where the file system has no links."""
-    try:
-        os.link(source, target)
-    except OSError:
-        shutil.copyfile(source, target)

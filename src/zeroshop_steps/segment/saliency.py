@@ -26,6 +26,7 @@ METHOD: dict[str, Any] = {"rank": 1, "saliency": True, "runtime_min": 60}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     add_common_arguments(parser)
+    support_plane.add_choice_arguments(parser)
     add_mask_arguments(parser)
 
 
