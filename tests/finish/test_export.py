@@ -1,5 +1,6 @@
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from zeroshop_steps.geometry.meshes import Mesh, write_ply
 from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED
+from zeroshop_steps.geometry.transforms import transform_camera
 from zeroshop_steps.height.object_pose import measure_above_plane
 from zeroshop_steps.height.record import Scale, describe_height
 from zeroshop_steps.runtime.errors import StepError
@@ -143,7 +145,8 @@ def test_publishing_an_unfinished_cell_is_refused(product, tmp_path):
 def test_the_preview_shows_the_mesh_where_the_photo_shows_the_object(carton, product):
     views, _ = read_views(carton.cameras)
     notes = read_json(product.with_suffix(".json"))
-    picture = draw_preview(MeshRenderer(read_ply(product)), views, np.array(notes["frame_facts"]["object_from_registration"]), 3)
+    moved = np.array(notes["frame_facts"]["object_from_registration"])
+    picture = draw_preview(read_ply(product), [replace(view, camera=transform_camera(view.camera, moved)) for view in views], 3)
     photo, render, shape = picture[:320], picture[320:640], picture[640:]
     on_object = (shape < 250).any(2)
     assert np.abs(photo[on_object].astype(float) - render[on_object]).mean() < 6.0

@@ -41,7 +41,7 @@ STEPS_WITH_KEYS = [
     ("height.depth_camera", ("height", "depth_camera")),
     ("height.mast3r", ("height", "mast3r")),
     ("finish.clean", ("finish", "clean")),
-    ("evaluate.grade", ("finish", "grade")),
+    ("evaluate.finished_mesh", ("finish", "grade")),
     ("synthetic.make_test_scenes", ("bop", "test_set")),
     ("report.object_page", ("report", "page")),
 ]

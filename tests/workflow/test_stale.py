@@ -14,10 +14,10 @@ TARGETS = (CHOSEN, CELL, PHOTO)
 VOXELS = CHOSEN.replace("2dgs", "svraster")
 STAGES = ["register", "stereo", "train_2dgs", "fuse_2dgs", "clean", "height", "close", "frame", "unwrap", "texture"]
 ENDS = {
-    "chosen": ["evidence", "export", "preview", "quality", "grade", "publish"],
+    "chosen": ["export", "evaluate", "publish"],
     # What comes after a stale outcome is not known before it.
     "cell": ["outcome", "cell"],
-    "photo": ["evidence", "export", "preview", "grade", "publish"],
+    "photo": ["export", "evaluate_photos", "publish"],
 }
 
 
@@ -70,7 +70,7 @@ def test_nothing_is_stale_at_first(finished):
         ("nvs={2dgs: {train: {iterations: 900}}}", rerun("train_2dgs", "chosen", "cell", "photo")),
         ("nvs={2dgs: {fuse: {voxels: 99}}}", rerun("fuse_2dgs", "chosen", "cell", "photo")),
         ("finish={clean: {smooth: 2}}", rerun("clean", "chosen", "cell", "photo")),
-        ("finish={grade: {back_share: [0.03, 0.2]}}", {"grade": 3, "publish": 2, "cell": 1}),
+        ("finish={grade: {back_share: [0.03, 0.2]}}", {"evaluate": 2, "evaluate_photos": 1, "publish": 2, "cell": 1}),
         ("chosen={virtual: {scene: se}}", rerun("register", "chosen", capture_virtual=1)),
         ("tables={scenes: [se]}", {}),
     ],

@@ -94,7 +94,7 @@ def test_a_second_run_does_nothing(cell):
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ("finish={texture_size_px: 128}", {"unwrap", "texture", "evidence", "export", "preview", "quality", "grade", "publish"}),
+        ("finish={texture_size_px: 128}", {"unwrap", "texture", "export", "evaluate", "publish"}),
         ("register={colmap: {max_features: 900}}", set()),
     ],
 )
@@ -163,7 +163,7 @@ def test_views_of_several_sizes_make_as_good_a_mesh(cell, tmp_path):
     shutil.rmtree(scene / "truth")
     run = again(folder, f"{CELL}/quality.json", "--rerun-triggers", "mtime")
     assert run.returncode == 0, run.stdout
-    assert {"register", "stereo", "train_2dgs", "texture", "quality"} <= set(planned(run.stdout)), "all but the views is made again"
+    assert {"register", "stereo", "train_2dgs", "texture", "evaluate"} <= set(planned(run.stdout)), "all but the views is made again"
     mixed = json.loads(quality.read_text())
     assert mixed["f_score_1_percent"] > equal["f_score_1_percent"] - 0.05
     assert mixed["accuracy_mm"] < 1.25 * equal["accuracy_mm"]

@@ -59,8 +59,9 @@ def in_chosen_cell(
 def chosen_quality(
     wildcards,
 ):
-    """The quality of the chosen cell, where there is a truth to measure against."""
-    return [f"{chosen_cell(wildcards)}/quality.json"] if knows_truth(wildcards.dataset) else []
+    """The quality of the chosen cell, where there is a truth to measure against and cameras that align the mesh with it."""
+    measured = knows_truth(wildcards.dataset) and chosen_run(wildcards)["registration"] != methods.WITHOUT_CAMERAS
+    return [f"{chosen_cell(wildcards)}/quality.json"] if measured else []
 
 
 def quality_option(
@@ -222,28 +223,6 @@ rule export:
         "python -m zeroshop_steps.finish --method export --mesh {input.mesh} --texture {input.texture} --frame {input.frame}"
         " --stages {input.capture}/capture.json {input.cameras}/registration.json {input.facts}"
         " --out {output.mesh} > {log} 2>&1"
-
-
-rule preview:
-    input:
-        mesh=f"{CELL}/mesh.ply",
-        cameras=f"{RUN}/cameras",
-    output:
-        preview=f"{CELL}/mesh_preview.png",
-    log:
-        f"{CELL}/logs/preview.log",
-    benchmark:
-        f"{CELL}/benchmarks/preview.tsv"
-    wildcard_constraints:
-        registration=WITH_CAMERAS,
-    resources:
-        mem_mb=per_attempt(3000),
-        runtime=per_attempt(10),
-    message:
-        "Rendering a preview of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
-    shell:
-        "python -m zeroshop_steps.finish --method preview --mesh {input.mesh} --cameras {input.cameras}"
-        " --out {output.preview} > {log} 2>&1"
 
 
 rule publish:

@@ -163,7 +163,7 @@ def measurements_of(
     """The measurements of a cell, where there is a truth, and its grade; of one that failed, the record of its failure."""
     if wildcards.registration == methods.WITHOUT_CAMERAS:
         return f"{CELL}/outcome.json".format(**wildcards)
-    return outcome_or(*(["quality.csv"] if quality_of(wildcards) else []), "grade.csv")(wildcards)
+    return outcome_or(*(["quality.csv"] if knows_truth(wildcards.dataset) else []), "grade.csv")(wildcards)
 
 
 # On a cluster, what takes a second is done where Snakemake runs.

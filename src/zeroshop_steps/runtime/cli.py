@@ -77,7 +77,7 @@ def stage_main(package: str, argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if not isinstance(error, StepError) and not explain_machine_fault(error):
             traceback.print_exc()
-        failure = failures.Failure(step, failures.reason_of(error))
+        failure = failures.Failure(failures.name_part(error, step), failures.reason_of(error))
         details = error.write_details if isinstance(error, StepError) else None
         return _give_up(failure, known.record_failure if failures.is_result(error, known.record_refusals) else [], details)
     return 0

@@ -9,9 +9,10 @@ What the machine did wrong is not recorded, since it says nothing about the cell
 `--record-refusals`, a network for which memory does not suffice is recorded: where a table is to hold what this machine can do.
 """
 
+import contextlib
 import json
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -66,6 +67,21 @@ def write_failure(outputs: Sequence[str | Path], failure: Failure, write_details
             with atomic_write(Path(output)) as temporary:
                 temporary.write_text(content)
     return failure
+
+
+@contextlib.contextmanager
+def part_of_step(name: str) -> Iterator[None]:
+    """Name the part of a step in which something fails, such as "evaluate.quality": the record then has this name, not the step's."""
+    try:
+        yield
+    except Exception as error:
+        vars(error).setdefault("part", name)
+        raise
+
+
+def name_part(error: BaseException, step: str) -> str:
+    """The part of a step that an error comes from; the step itself where it has no parts."""
+    return str(vars(error).get("part", step))
 
 
 def read_failure(path: Path) -> Failure | None:

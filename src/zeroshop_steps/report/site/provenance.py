@@ -12,7 +12,7 @@ from zeroshop_steps.report.site.results_index import Cell, Run, find_table, read
 CURVES = ("loss", "l1", "mask", "depth", "normal")
 ORDER = (
     *("capture", "segment", "register", "camera_error", "stereo", "train", "fuse", "mesh", "clean", "height", "close", "frame"),
-    *("unwrap", "texture", "export", "outcome", "preview", "quality", "grade", "cell"),
+    *("unwrap", "texture", "export", "outcome", "evaluate", "cell"),
 )
 """The steps of a cell in their order."""
 
