@@ -85,4 +85,4 @@ def test_a_stereo_of_other_cameras_is_refused(carton, tmp_path):
     views, _ = read_views(carton.cameras)
     metadata = {"frame_facts": {"object_from_registration": np.eye(4).tolist()}}
     with pytest.raises(StepError, match="run stereo first"):
-        classify_finished_mesh(carton.mesh, metadata, views, views, tmp_path / "seeds.npz")
+        classify_finished_mesh(carton.mesh, metadata, views, tmp_path / "seeds.npz")

@@ -6,7 +6,7 @@ from pathlib import Path
 from helpers.paths import REPOSITORY
 from zeroshop_steps import methods
 
-FINISH = ["clean", "height", "close", "frame", "unwrap", "texture", "export", "publish"]
+FINISH = ["shape", "texture", "publish"]
 SURFACE = ["stereo", "train_2dgs", "fuse_2dgs"]
 CELL = [*SURFACE, *FINISH, "evaluate"]
 PHOTO_CELL = [*SURFACE, *FINISH, "evaluate_photos"]

@@ -22,7 +22,7 @@ def asked_for(folder: Path, config: dict, limits: dict[str, int]) -> dict[str, d
         settings = ResourceSettings(cores=8, resources=limits)
         workflow = api.workflow(settings, config_settings=ConfigSettings(config=config), snakefile=SNAKEFILE, workdir=folder)._workflow
         wildcards = Wildcards(fromdict=PLACE | POSES)
-        names = ("train_2dgs", "train_svraster", "register", "cnos", "estimate_poses", "texture", "evaluate", "fuse_2dgs", "clean")
+        names = ("train_2dgs", "train_svraster", "register", "cnos", "estimate_poses", "texture", "evaluate", "fuse_2dgs", "shape")
         rules = {rule.name: rule for rule in workflow.rules}
         return {name: dict(rules[name].expand_resources(wildcards, InputFiles([]), 1).items()) for name in names}
 
@@ -36,7 +36,7 @@ def on(device: str) -> dict:
 
 def test_on_the_processor_no_step_asks_for_a_gpu(tmp_path):
     asked = asked_for(tmp_path, on("cpu"), {})
-    for name in ("train_2dgs", "train_svraster", "cnos", "estimate_poses", "texture", "evaluate", "fuse_2dgs", "clean"):
+    for name in ("train_2dgs", "train_svraster", "cnos", "estimate_poses", "texture", "evaluate", "fuse_2dgs", "shape"):
         assert not asked[name].get("gpu") and not asked[name].get("gpu_mem_mb"), name
     assert asked["train_2dgs"]["_cores"] == asked["train_svraster"]["_cores"] == 8
     assert asked["register"]["gpu"] == 1, "this registration has networks, and no device in the config"
@@ -54,7 +54,7 @@ def test_on_a_gpu_steps_ask_for_its_memory_and_training_leaves_cores(tmp_path, d
     assert asked["cnos"]["gpu_mem_mb"] == 10_000 < DETECTORS["cnos"].mem_mb, "what is predicted to need more has the card for itself"
     for name in ("texture", "evaluate"):
         assert asked[name]["gpu"] == 1 and CUDA_MB < asked[name]["gpu_mem_mb"] < 2000
-    assert not any(asked[name].get("gpu") for name in ("fuse_2dgs", "clean"))
+    assert not any(asked[name].get("gpu") for name in ("fuse_2dgs", "shape"))
 
 
 def test_several_trainings_share_the_card_of_the_profile_and_leave_cores_for_others():

@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
     object_from_registration = np.array(metadata["frame_facts"]["object_from_registration"])
     views = [replace(view, camera=transform_camera(view.camera, object_from_registration)) for view in registered]
     with part_of_step("evaluate.surface_support"):
-        mesh = _write_support(args.out, mesh, classify_finished_mesh(mesh, metadata, registered, views, args.stereo, device))
+        mesh = _write_support(args.out, mesh, classify_finished_mesh(mesh, metadata, registered, args.stereo, device))
     quality = None
     if args.model:
         with part_of_step("evaluate.quality"):

@@ -15,26 +15,24 @@ from zeroshop_steps.surface.seeds import read_confirmed_points
 
 
 def classify_finished_mesh(
-    mesh: Mesh, metadata: dict[str, Any], registered: Sequence[View], views: Sequence[View], stereo: Path | None, device: str = "cpu"
-) -> np.ndarray:  # fmt: skip
+    mesh: Mesh, metadata: dict[str, Any], views: Sequence[View], stereo: Path | None, device: str = "cpu"
+) -> np.ndarray:
     """(V,) uint8 class of each vertex.
 
     Args:
         mesh: in the object frame.
         metadata: content of mesh.json.
-        registered: the registered photos.
-        views: the same with their cameras in the object frame.
+        views: the registered photos, in their own frame.
         stereo: seeds.npz with the depths that stereo confirmed, if there are any.
         device: where the mesh is rasterized.
 
     Raises:
         StepError: `stereo` is missing, damaged or of other cameras.
     """
-    confirmed = np.zeros((0, 3))
-    if stereo:
-        object_from_registration = np.array(metadata["frame_facts"]["object_from_registration"])
-        confirmed = transform_points(read_confirmed_points(stereo, registered), object_from_registration)
-    return drop_generated(classify_surface_support(mesh, views, confirmed, device), mesh, metadata)
+    confirmed = read_confirmed_points(stereo, views) if stereo else np.zeros((0, 3))
+    registration_from_object = np.linalg.inv(np.array(metadata["frame_facts"]["object_from_registration"]))
+    registered = Mesh(transform_points(mesh.vertices, registration_from_object), mesh.faces)
+    return drop_generated(classify_surface_support(registered, views, confirmed, device), mesh, metadata)
 
 
 def drop_generated(evidence: np.ndarray, mesh: Mesh, metadata: dict[str, Any]) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 The rules of a cell pass `--record-failure OUTPUT ...`; the name of a folder ends in a slash. The record is one line of JSON with
 the step, its reason and the place of the record: the file itself, or failure.json in a folder. A later step that is given one
-passes it on, down to the cell's outcome.json. A step without the option, such as the one that writes the finished mesh, ends with
+passes it on, down to the cell's figures. A step without the option, such as the one that puts the mesh at its final path, ends with
 the reason and a status of its own instead, so that no product is ever a record.
 
 What the machine did wrong is not recorded, since it says nothing about the cell: a full disk, no memory, a killed process. With
