@@ -82,6 +82,11 @@ def quality_option(
     return step_options({"quality": " ".join(input.quality) or None})
 
 
+# On a cluster, what takes a second is done where Snakemake runs.
+localrules:
+    publish,
+
+
 rule shape:
     input:
         mesh=raw_mesh_of,
