@@ -1,6 +1,5 @@
 import csv
 import functools
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +11,8 @@ from helpers import ball_scene, damage
 from helpers.carton_scene import SIZE_MM, camera_at
 from helpers.coarse_ground import coarse_ground
 from zeroshop_steps.evaluate import photo_measures
-from zeroshop_steps.evaluate.grading import GRADES, grade_by_worst
+from zeroshop_steps.evaluate.grade import judge_mesh
+from zeroshop_steps.evaluate.grading import GRADES, MEASURES, grade_by_worst
 from zeroshop_steps.evaluate.photo_measures import measure_photo_agreement
 from zeroshop_steps.evaluate.surface_measures import (
     measure_guessed_share,
@@ -21,12 +21,14 @@ from zeroshop_steps.evaluate.surface_measures import (
     measure_roughness_deg,
 )
 from zeroshop_steps.geometry import surface_distance
-from zeroshop_steps.geometry.images import write_image, write_mask
+from zeroshop_steps.geometry.images import read_image, write_image, write_mask
 from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED, UNSEEN
+from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED, UNSEEN, with_surface_support
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.synthetic.demo_objects import write_demo_object
 from zeroshop_steps.synthetic.raycast import capture
@@ -177,8 +179,8 @@ def test_few_photos_are_no_good_even_if_all_have_their_cameras(bottle, undamaged
     assert GRADES.index(graded[-1]["truth"]["grade"]) < GRADES.index("good")
 
 
-def finish(*arguments: object) -> int:
-    return stage_main("zeroshop_steps.evaluate", [str(argument) for argument in arguments])
+def evaluate(*arguments: object) -> int:
+    return stage_main("zeroshop_steps.evaluate", [str(argument) for argument in ("--method", "finished_mesh", *arguments)])
 
 
 @pytest.fixture
@@ -193,25 +195,40 @@ def product(carton, tmp_path) -> Path:
 
 def test_the_command_grades_by_photos_and_where_it_can_by_the_truth(carton, product):
     out = product.with_name("grade.json")
-    options = ["--method", "grade", "--mesh", product, "--cameras", carton.cameras, "--out", out]
-    assert finish(*options) == 0
+    options = ["--mesh", product, "--cameras", carton.cameras, "--out", out, "--guessed-share", 0.1, 0.2]
+    assert evaluate(*options) == 0
+    assert read_json(out)["grade"] == "none" and "assumed_share" in read_json(out)["reasons"][0], "no stereo confirmed it"
+    options += ["--assumed-share", 0.7, 0.8]
+    assert evaluate(*options) == 0
     content = read_json(out)
     assert content["grade"] == "good" and content["judged_by"] == "photos" and content["truth"] is None
-    write_json(product.with_name("quality.json"), {"f_score_1_percent": 0.7, "recall_1_percent": 0.95, "normal_error_deg": 5.0})
-    assert finish(*options, "--quality", product.with_name("quality.json")) == 0
+    assert not product.with_name("quality.json").exists() and read_image(product.with_name("mesh_preview.png")).shape == (960, 1920, 3)
+    evidence = with_surface_support(read_ply(product), product.with_name("evidence.npz"))
+    assert 0.1 < evidence.measured_faces().mean() < 0.6, "its edges"
+    assert evaluate(*options, "--model", carton.model.parent, "--capture", carton.capture, "--f-score-1-percent", 1.5, 0.9) == 0
     content = read_json(out)
     assert content["grade"] == "sparse" and content["judged_by"] == "truth" and content["photos"]["grade"] == "good"
     with out.with_suffix(".csv").open() as file:
         rows = {row["measure"]: row for row in csv.DictReader(file)}
-    assert rows["grade"]["value"] == "sparse" and "f_score_1_percent is 0.7" in rows["grade"]["reason"]
+    assert rows["grade"]["value"] == "sparse" and "f_score_1_percent is 1" in rows["grade"]["reason"]
     assert rows["grade_by_photos"]["value"] == "good" and float(rows["registered_share"]["value"]) == 1.0
+    assert read_json(product.with_name("quality.json"))["f_score_1_percent"] == 1.0
 
 
 def test_limits_in_the_wrong_order_are_refused(carton, product, capsys):
-    options = ["--method", "grade", "--mesh", product, "--cameras", carton.cameras, "--out", product.with_name("grade.json")]
-    assert finish(*options, "--back-share", 0.2, 0.1) == 1
+    out = product.with_name("grade.json")
+    assert evaluate("--mesh", product, "--cameras", carton.cameras, "--out", out, "--back-share", 0.2, 0.1) == 1
     assert "finish.grade.back_share is [0.2, 0.1]; the limit of good comes first" in capsys.readouterr().err
-    assert not product.with_name("grade.json").exists()
+    assert not out.exists()
+
+
+def test_a_record_names_the_part_that_failed(carton, product):
+    out, quality = product.with_name("grade.json"), product.with_name("quality.json")
+    words = ["--mesh", product, "--cameras", carton.cameras, "--model", product.parent / "none", "--capture", carton.capture, "--out", out]
+    assert evaluate(*words, "--record-failure", out, quality) == 0
+    failure = read_failure(out)
+    assert failure is not None and failure.step == "evaluate.quality" and "none/model.ply does not exist" in failure.reason
+    assert read_failure(quality) == failure
 
 
 def test_an_empty_mask_is_named(carton, tmp_path):
@@ -222,28 +239,21 @@ def test_an_empty_mask_is_named(carton, tmp_path):
         measure_photo_agreement(carton.mesh, views)
 
 
-def test_a_surface_that_nothing_measured_is_not_good(carton, tmp_path):
+def test_a_surface_that_nothing_measured_is_not_good(carton):
     """The same mesh, once measured all over and once assumed but for a few sides; its underside counts for neither."""
     views, _ = read_views(carton.cameras)
     mesh = carton.mesh
     lower = mesh.vertices[mesh.faces].mean(1)[:, 2] < -0.49 * SIZE_MM[2]
     faces = np.concatenate([mesh.faces[~lower], mesh.faces[lower]])
-    write_image(tmp_path / "mesh.png", mesh.texture)
-    write_ply(tmp_path / "mesh.ply", replace(mesh, faces=faces), "mesh.png")
     frame = {"object_from_registration": np.eye(4).tolist(), "bottom_z": -SIZE_MM[2] / 2}
-    underside = {"first_face": int((~lower).sum()), "faces": int(lower.sum())}
-    write_json(tmp_path / "mesh.json", {"frame_facts": frame, "underside": underside})
-    cameras = shutil.copytree(carton.cameras, tmp_path / "cameras")
-    write_json(cameras / "registration.json", {"status": "ok", "images": len(views)})
+    metadata = {"frame_facts": frame, "underside": {"first_face": int((~lower).sum()), "faces": int(lower.sum())}}
+    limits = {measure.name: (measure.good, measure.sparse) for measure in MEASURES}
     shares = []
     for kind in (MEASURED, ASSUMED):
         evidence = np.where(mesh.vertices[:, 0] > 0, kind, MEASURED).astype(np.uint8)
         evidence[mesh.vertices[:, 2] < -0.49 * SIZE_MM[2]] = UNSEEN
-        np.savez(tmp_path / "evidence.npz", evidence=evidence)
-        words = ["--mesh", tmp_path / "mesh.ply", "--cameras", cameras, "--evidence", tmp_path / "evidence.npz"]
-        words += ["--out", tmp_path / "grade.json"]
-        assert stage_main("zeroshop_steps.evaluate", ["--method", "grade", *map(str, words)]) == 0
-        photos = read_json(tmp_path / "grade.json")["photos"]
+        supported = replace(mesh, faces=faces, quality=evidence / MEASURED)
+        photos = judge_mesh(supported, metadata, views, len(views), None, limits)["photos"]
         shares.append(photos["measures"]["assumed_share"])
     assert shares[0] == 0.0 and 0.4 < shares[1] < 0.6
     assert photos["grade"] != "good" and any("assumed_share" in reason for reason in photos["reasons"])

@@ -1,4 +1,3 @@
-import argparse
 import csv
 
 import numpy as np
@@ -9,13 +8,12 @@ from helpers.carton_scene import SIZE_MM
 from zeroshop_steps.evaluate import quality
 from zeroshop_steps.evaluate.quality import GroundTruth, measure_quality
 from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.registered_views import read_first_cameras, read_views
 from zeroshop_steps.geometry.surface_distance import count_seeing_views, measure_surface_error
 from zeroshop_steps.geometry.transforms import transform_camera
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import read_json, write_json
+from zeroshop_steps.runtime.files import read_json
 
 
 @pytest.fixture(scope="module")
@@ -107,19 +105,11 @@ def test_two_registered_cameras_cannot_be_aligned(carton, truth_side):
         graded(carton, truth_side, carton.mesh, truth_side[0][:2])
 
 
-def test_the_command_writes_json_and_tidy_csv(carton, tmp_path):
-    write_image(tmp_path / "mesh.png", carton.mesh.texture)
-    write_ply(tmp_path / "mesh.ply", carton.mesh, "mesh.png")
-    write_json(tmp_path / "mesh.json", {"frame_facts": {"object_from_registration": np.eye(4).tolist(), "scale": "unknown"}})
-    quality.run(
-        argparse.Namespace(
-            film_truth=None,
-            mesh=tmp_path / "mesh.ply",
-            capture=carton.capture,
-            cameras=carton.cameras,
-            model=carton.model,
-            out=tmp_path / "quality.json",
-        )
+def test_the_figures_are_written_as_json_and_tidy_csv(carton, tmp_path):
+    metadata = {"frame_facts": {"object_from_registration": np.eye(4).tolist(), "scale": "unknown"}}
+    truth = GroundTruth.read(carton.capture, carton.model)
+    quality.write_quality(
+        tmp_path / "quality.json", quality.make_quality_record(carton.mesh, metadata, read_first_cameras(carton.cameras), truth)
     )
     figures = read_json(tmp_path / "quality.json")
     assert figures["scale_error_percent"] is None

@@ -7,13 +7,13 @@ import pytest
 import trimesh
 
 from helpers.carton_scene import camera_at
+from zeroshop_steps.evaluate.surface_support import classify_finished_mesh
 from zeroshop_steps.geometry.images import write_mask
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED, UNSEEN, compute_area_shares, with_surface_support
 from zeroshop_steps.geometry.surface_support import classify_surface_support
-from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 
 RADIUS_MM, HEIGHT_MM = 40.0, 60.0
@@ -81,8 +81,8 @@ def test_a_file_of_another_mesh_is_refused(cup, tmp_path):
         with_surface_support(cup[0], tmp_path / "evidence.npz")
 
 
-def test_a_stereo_of_other_cameras_is_refused(carton, tmp_path, capsys):
-    write_ply(tmp_path / "unwrapped.ply", carton.mesh)
-    words = ["--mesh", tmp_path / "unwrapped.ply", "--cameras", carton.cameras, "--stereo", tmp_path / "seeds.npz"]
-    assert stage_main("zeroshop_steps.evaluate", ["--method", "surface_support", *map(str, words), "--out", str(tmp_path / "e.npz")]) == 1
-    assert "run stereo first" in capsys.readouterr().err and not (tmp_path / "e.npz").exists()
+def test_a_stereo_of_other_cameras_is_refused(carton, tmp_path):
+    views, _ = read_views(carton.cameras)
+    metadata = {"frame_facts": {"object_from_registration": np.eye(4).tolist()}}
+    with pytest.raises(StepError, match="run stereo first"):
+        classify_finished_mesh(carton.mesh, metadata, views, tmp_path / "seeds.npz")

@@ -8,17 +8,15 @@ import trimesh
 
 from helpers.carton_scene import camera_at
 from helpers.memory_view import MemoryView
-from zeroshop_steps.finish import close, watertight
-from zeroshop_steps.finish.close import close_in_space, fill_small_holes, find_floor
+from zeroshop_steps.finish import watertight
+from zeroshop_steps.finish.close import Closing, close_in_space, close_mesh, fill_small_holes, find_floor
 from zeroshop_steps.finish.underside import close_underside, find_open_borders
 from zeroshop_steps.finish.watertight import GroundPlane
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.surface_distance import measure_distances
-from zeroshop_steps.runtime.cli import stage_main
-from zeroshop_steps.runtime.files import read_json, write_json
 
 pytestmark = pytest.mark.slow
 
@@ -152,19 +150,14 @@ def test_wide_holes_are_left_to_the_closing_in_space(views):
 @pytest.mark.parametrize(
     ("options", "up_source", "state", "method"),
     [
-        ([], "support_plane", "closed", "flat"),
-        (["--underside", "open"], "support_plane", "open", "none"),
-        (["--holes", "open"], "camera_roll", "open", "none"),
+        ({}, "support_plane", "closed", "flat"),
+        ({"underside": "open"}, "support_plane", "open", "none"),
+        ({"holes": "open"}, "camera_roll", "open", "none"),
     ],
 )
-def test_the_step_says_what_it_did(tmp_path, views, monkeypatch, options, up_source, state, method):
-    monkeypatch.setattr(close, "read_views", lambda _: (views, None))
-    write_ply(tmp_path / "clean.ply", ball())
-    write_json(tmp_path / "height.json", {"up": [0.0, 0.0, 1.0], "bottom": FOOT_MM, "up_source": up_source, "up_uncertainty": {}})
-    words = ["--method", "close", "--mesh", tmp_path / "clean.ply", "--height", tmp_path / "height.json", *options]
-    words += ["--cameras", tmp_path / "cameras", "--out", tmp_path / "closed.ply"]
-    assert stage_main("zeroshop_steps.finish", [str(word) for word in words]) == 0
-    facts = read_json(tmp_path / "closed.json")
+def test_it_says_what_was_closed(views, options, up_source, state, method):
+    height = {"up": [0.0, 0.0, 1.0], "bottom": FOOT_MM, "up_source": up_source, "up_uncertainty": {}}
+    _, facts = close_mesh(ball(), height, views, Closing(**options))
     assert facts["underside"]["state"] == state and facts["underside"]["seen"] is False and facts["closing"]["method"] == method
     assert facts["closing"]["watertight"] == (state == "closed")
 

@@ -1,5 +1,5 @@
-import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +12,11 @@ from zeroshop_steps.finish.preview import draw_preview
 from zeroshop_steps.finish.publish import publish_product
 from zeroshop_steps.geometry.images import read_image, write_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer, sample_texture
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED
+from zeroshop_steps.geometry.transforms import transform_camera
 from zeroshop_steps.height.object_pose import measure_above_plane
 from zeroshop_steps.height.record import Scale, describe_height
 from zeroshop_steps.runtime.errors import StepError
@@ -27,23 +28,14 @@ from zeroshop_steps.runtime.open3d_loader import o3d
 def product(carton, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cell")
     views, _ = read_views(carton.cameras)
-    write_ply(folder / "unwrapped.ply", carton.mesh)
-    write_image(folder / "texture.png", carton.mesh.texture)
     object_pose = measure_above_plane(carton.mesh, views, None)
     scale = Scale("known_height", 0.18 / object_pose.extent, 0.001, {})  # twice its size
     write_json(folder / "frame.json", compute_object_frame(carton.mesh, views, describe_height(object_pose, scale)) | {"seconds": 1.5})
     write_json(folder / "clean.json", {"seconds": 2.0, "parameters": {"smooth": 5}})
     write_json(folder / "registration.json", {"seconds": {"total": 30.25}})
-    export.run(
-        argparse.Namespace(
-            mesh=folder / "unwrapped.ply",
-            texture=folder / "texture.png",
-            frame=folder / "frame.json",
-            stages=[folder / "clean.json", folder / "registration.json"],
-            quality=None,
-            out=folder / "mesh.ply",
-        )
-    )
+    stages = export.read_stages(folder / f"{name}.json" for name in ("clean", "registration", "frame"))
+    mesh = export.move_to_object_frame(carton.mesh, np.array(stages["frame"]["object_from_registration"]), carton.mesh.texture)
+    export.write_product(folder / "mesh.ply", mesh, export.make_metadata(mesh, stages["frame"], stages))
     return folder / "mesh.ply"
 
 
@@ -143,7 +135,8 @@ def test_publishing_an_unfinished_cell_is_refused(product, tmp_path):
 def test_the_preview_shows_the_mesh_where_the_photo_shows_the_object(carton, product):
     views, _ = read_views(carton.cameras)
     notes = read_json(product.with_suffix(".json"))
-    picture = draw_preview(MeshRenderer(read_ply(product)), views, np.array(notes["frame_facts"]["object_from_registration"]), 3)
+    moved = np.array(notes["frame_facts"]["object_from_registration"])
+    picture = draw_preview(read_ply(product), [replace(view, camera=transform_camera(view.camera, moved)) for view in views], 3)
     photo, render, shape = picture[:320], picture[320:640], picture[640:]
     on_object = (shape < 250).any(2)
     assert np.abs(photo[on_object].astype(float) - render[on_object]).mean() < 6.0

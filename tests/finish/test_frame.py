@@ -1,4 +1,3 @@
-import argparse
 from dataclasses import replace
 
 import numpy as np
@@ -9,15 +8,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from helpers.carton_scene import SIZE_MM, camera_at
-from zeroshop_steps.finish import frame as frame_method
-from zeroshop_steps.finish.frame import compute_object_frame
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.finish.frame import compute_object_frame, make_frame_record
+from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.support_plane import SupportPlane, estimate_up_from_roll, find_background_points, fit_support_plane
 from zeroshop_steps.geometry.transforms import transform_camera
 from zeroshop_steps.height.object_pose import measure_above_plane
 from zeroshop_steps.height.record import Scale, describe_height
-from zeroshop_steps.runtime.files import read_json, write_json
 
 HEIGHT_M = SIZE_MM[2] / 1000
 
@@ -164,13 +161,9 @@ def test_a_spike_on_top_does_not_change_the_scale(scene):
     assert frame["height_in_registration"] == pytest.approx(SIZE_MM[2], rel=1e-6)
 
 
-def test_an_unknown_scale_is_kept_as_it_is(carton, scene, tmp_path):
+def test_an_unknown_scale_is_kept_as_it_is(scene, tmp_path):
     mesh, views, _ = scene
-    write_ply(tmp_path / "underside.ply", Mesh(mesh.vertices, mesh.faces))
-    write_json(tmp_path / "height.json", describe_height(measure_above_plane(mesh, views, None), None))
-    files = {"mesh": tmp_path / "underside.ply", "height": tmp_path / "height.json", "out": tmp_path / "frame.json"}
-    frame_method.run(argparse.Namespace(**files, cameras=carton.cameras, capture=tmp_path))
-    frame = read_json(tmp_path / "frame.json")
+    frame = make_frame_record(mesh, views, describe_height(measure_above_plane(mesh, views, None), None), tmp_path)
     assert frame["scale"] == frame["scale_source"] == "unknown" and frame["unit"] == "registration"
     assert np.linalg.det(np.array(frame["object_from_registration"])) == pytest.approx(1.0)
 

@@ -6,14 +6,11 @@ import trimesh
 
 from helpers.carton_scene import camera_at
 from helpers.memory_view import MemoryView
-from zeroshop_steps.finish import close
+from zeroshop_steps.finish.close import Closing, close_mesh
 from zeroshop_steps.finish.overhang import lift_underside
 from zeroshop_steps.finish.underside import close_underside, find_open_borders
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.runtime.cli import stage_main
-from zeroshop_steps.runtime.files import read_json, write_json
+from zeroshop_steps.geometry.meshes import Mesh
 
 UP, DOWN = np.array([0.0, 0.0, 1.0]), -0.9
 BAR_MM, RISE_MM = (120.0, 30.0, 24.0), 5.0
@@ -72,14 +69,9 @@ def test_a_single_wrong_mask_lifts_nothing():
     assert lift_underside(flat, len(mesh.vertices), first_face, UP, views) is flat
 
 
-def test_the_step_lifts_it(tmp_path, monkeypatch):
+def test_closing_lifts_it():
     mesh, views = photographed(solid(True))
-    monkeypatch.setattr(close, "read_views", lambda _: (views, None))
-    write_ply(tmp_path / "clean.ply", mesh)
-    write_json(tmp_path / "height.json", {"up": UP.tolist(), "bottom": 0.0, "up_source": "support_plane", "up_uncertainty": {}})
-    words = ["--method", "close", "--mesh", tmp_path / "clean.ply", "--height", tmp_path / "height.json"]
-    words += ["--cameras", tmp_path / "cameras", "--hollows", "kept", "--out", tmp_path / "closed.ply"]
-    assert stage_main("zeroshop_steps.finish", [str(word) for word in words]) == 0
-    facts = read_json(tmp_path / "closed.json")
+    height = {"up": UP.tolist(), "bottom": 0.0, "up_source": "support_plane", "up_uncertainty": {}}
+    closed, facts = close_mesh(mesh, height, views, Closing(hollows="kept"))
     assert facts["closing"] == {"method": "flat", "ground_share": 0.0, "watertight": True}
-    assert read_ply(tmp_path / "closed.ply").as_trimesh().volume == pytest.approx(solid(True).volume, rel=0.03)
+    assert closed.as_trimesh().volume == pytest.approx(solid(True).volume, rel=0.03)

@@ -93,10 +93,8 @@ def test_the_finished_mesh_is_whole_as_high_as_said_and_a_guess(cell):
 
 
 def test_the_published_mesh_has_no_grade_and_no_measured_place(cell, tmp_path, capsys):
-    assert step("evaluate", "surface_support", mesh=cell / "mesh.ply", out=tmp_path / "evidence.npz") == 0
-    assert step("evaluate", "grade", mesh=cell / "mesh.ply", out=tmp_path / "grade.json") == 0
-    assert step("finish", "preview", mesh=cell / "mesh.ply", count=1, out=tmp_path / "preview.png") == 0
-    parts = {name: tmp_path / f"{name}.{end}" for name, end in {"evidence": "npz", "grade": "json", "preview": "png"}.items()}
+    assert step("evaluate", "finished_mesh", mesh=cell / "mesh.ply", out=tmp_path / "grade.json") == 0
+    parts = {"evidence": tmp_path / "evidence.npz", "grade": tmp_path / "grade.json", "preview": tmp_path / "mesh_preview.png"}
     assert step("finish", "publish", mesh=cell / "mesh.ply", out=tmp_path / "trellis.ply", **parts) == 0
     mesh, facts = read_ply(tmp_path / "trellis.ply"), read_json(tmp_path / "trellis.json")
     assert not mesh.seen_faces().any() and not mesh.measured_faces().any()
@@ -132,6 +130,6 @@ def test_other_meshes_are_refused(tmp_path, capsys):
         assert reason in capsys.readouterr().err
     write_ply(tmp_path / "graded.ply", colored_ball(1))
     write_json(tmp_path / "graded.json", {"frame_facts": {}})
-    assert step("evaluate", "grade", mesh=tmp_path / "graded.ply", out=tmp_path / "grade.json") != 0
+    assert step("evaluate", "finished_mesh", mesh=tmp_path / "graded.ply", out=tmp_path / "grade.json") != 0
     assert "its grade needs them; give them as --cameras" in capsys.readouterr().err
     assert not list(tmp_path.glob("mesh.*")) and not list(tmp_path.glob("grade.*"))

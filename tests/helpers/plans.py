@@ -6,8 +6,10 @@ from pathlib import Path
 from helpers.paths import REPOSITORY
 from zeroshop_steps import methods
 
-FINISH = ["clean", "height", "close", "frame", "unwrap", "texture", "evidence", "export", "grade", "preview", "publish"]
-CELL = ["stereo", "train_2dgs", "fuse_2dgs", *FINISH]
+FINISH = ["shape", "texture", "publish"]
+SURFACE = ["stereo", "train_2dgs", "fuse_2dgs"]
+CELL = [*SURFACE, *FINISH, "evaluate"]
+PHOTO_CELL = [*SURFACE, *FINISH, "evaluate_photos"]
 
 
 def photo_table(folder: Path, images: Path | str, masks: Path | str, height: str = "") -> tuple[str, str]:

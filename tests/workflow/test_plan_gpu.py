@@ -22,13 +22,13 @@ def asked_for(folder: Path, config: dict, limits: dict[str, int]) -> dict[str, d
         settings = ResourceSettings(cores=8, resources=limits)
         workflow = api.workflow(settings, config_settings=ConfigSettings(config=config), snakefile=SNAKEFILE, workdir=folder)._workflow
         wildcards = Wildcards(fromdict=PLACE | POSES)
-        names = ("train_2dgs", "train_svraster", "register", "cnos", "estimate_poses", "texture", "evidence", "fuse_2dgs", "clean")
+        names = ("train_2dgs", "train_svraster", "register", "cnos", "estimate_poses", "texture", "evaluate", "fuse_2dgs", "shape")
         rules = {rule.name: rule for rule in workflow.rules}
         return {name: dict(rules[name].expand_resources(wildcards, InputFiles([]), 1).items()) for name in names}
 
 
 def on(device: str) -> dict:
-    """Changes of the config by which both optimizers, a detector, a pose estimator, the texture and the evidence run on a device."""
+    """Changes of the config by which both optimizers, a detector, a pose estimator, the texture and the evaluation run on a device."""
     trained, network = {"train": {"device": device}}, {"device": device}
     surfaces, finish = {"2dgs": trained, "svraster": trained}, {"device": device}
     return {"nvs": surfaces, "detect": {"cnos": network}, "pose": {"foundationpose": network}, "finish": finish}
@@ -36,7 +36,7 @@ def on(device: str) -> dict:
 
 def test_on_the_processor_no_step_asks_for_a_gpu(tmp_path):
     asked = asked_for(tmp_path, on("cpu"), {})
-    for name in ("train_2dgs", "train_svraster", "cnos", "estimate_poses", "texture", "evidence", "fuse_2dgs", "clean"):
+    for name in ("train_2dgs", "train_svraster", "cnos", "estimate_poses", "texture", "evaluate", "fuse_2dgs", "shape"):
         assert not asked[name].get("gpu") and not asked[name].get("gpu_mem_mb"), name
     assert asked["train_2dgs"]["_cores"] == asked["train_svraster"]["_cores"] == 8
     assert asked["register"]["gpu"] == 1, "this registration has networks, and no device in the config"
@@ -52,9 +52,9 @@ def test_on_a_gpu_steps_ask_for_its_memory_and_training_leaves_cores(tmp_path, d
         assert resources["gpu_mem_mb"] == SURFACES[name].gpu_mem_mb(options) > CUDA_MB
     assert asked["estimate_poses"]["gpu"] == 1 and CUDA_MB < asked["estimate_poses"]["gpu_mem_mb"] <= 10_000
     assert asked["cnos"]["gpu_mem_mb"] == 10_000 < DETECTORS["cnos"].mem_mb, "what is predicted to need more has the card for itself"
-    for name in ("texture", "evidence"):
+    for name in ("texture", "evaluate"):
         assert asked[name]["gpu"] == 1 and CUDA_MB < asked[name]["gpu_mem_mb"] < 2000
-    assert not any(asked[name].get("gpu") for name in ("fuse_2dgs", "clean"))
+    assert not any(asked[name].get("gpu") for name in ("fuse_2dgs", "shape"))
 
 
 def test_several_trainings_share_the_card_of_the_profile_and_leave_cores_for_others():

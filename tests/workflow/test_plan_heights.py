@@ -24,13 +24,13 @@ def test_heights_by_mast3r_are_in_the_table_where_its_weights_are(snakemake, tmp
 
 def test_the_height_is_measured_as_the_row_says(snakemake, tmp_path):
     rows = {
-        "given": ({"height_m": "0.1"}, ["--method known", "--height-m 0.1"]),
-        "nothing": ({}, ["--method none"]),
-        "board": ({"height_method": "marker"}, ["--method marker"]),
-        "board_and_height": ({"height_method": "marker", "height_m": "0.1"}, ["--method marker", "--height-m 0.1"]),
+        "given": ({"height_m": "0.1"}, ["--height known", "--height-m 0.1"]),
+        "nothing": ({}, ["--height none"]),
+        "board": ({"height_method": "marker"}, ["--height marker"]),
+        "board_and_height": ({"height_method": "marker", "height_m": "0.1"}, ["--height marker", "--height-m 0.1"]),
         "board_apart": ({"height_method": "marker", "marker_images": str(tmp_path / "empty")}, ["--marker-images empty"]),
         "depth": ({"height_method": "depth_camera", "depth": str(tmp_path / "depth")}, ["--step-mm 1.0 --depth depth"]),
-        "unwanted": ({"height_method": "none", "height_m": "0.1"}, ["--method none"]),
+        "unwanted": ({"height_method": "none", "height_m": "0.1"}, ["--height none"]),
     }
     for name in ("images", "masks", "empty", "depth"):
         (tmp_path / name).mkdir()
@@ -44,7 +44,7 @@ def test_the_height_is_measured_as_the_row_says(snakemake, tmp_path):
     targets = [f"results/photos/{name}/video/colmap/2dgs/height.json" for name in rows]
     run = snakemake("-n", *targets, "--config", f"objects_table={tmp_path / 'objects.tsv'}")
     assert run.returncode == 0, run.stdout
-    commands = [line for line in run.stdout.splitlines() if "zeroshop_steps.height" in line]
+    commands = [line for line in run.stdout.splitlines() if "--method shape" in line]
     assert len(commands) == len(rows)
     for name, (own, expected) in rows.items():
         [line] = [line for line in commands if f"results/photos/{name}/" in line]
@@ -76,5 +76,5 @@ def test_the_table_of_heights_measures_every_object_twice(snakemake):
     run = snakemake("-n", "results/demo/tables/height.csv")
     assert run.returncode == 0, run.stdout
     jobs = planned(run.stdout)
-    assert jobs["height_by_board"] == jobs["clean"] == jobs["register"] == 22
+    assert jobs["height_by_board"] == jobs["shape"] == jobs["register"] == 22
     assert jobs["capture_empty_scene"] == jobs["capture_with_board"] == jobs["capture_virtual"] == 11

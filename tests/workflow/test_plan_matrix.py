@@ -37,7 +37,7 @@ def test_a_slice_of_the_matrix_plans_exactly_its_cells(snakemake, target, object
     run = snakemake("-n", target, "--config", f"tables={{{', '.join(config)}}}")
     assert run.returncode == 0, run.stdout
     jobs = planned(run.stdout)
-    assert (jobs["cell"], jobs["outcome"]) == (objects * columns,) * 2
+    assert (jobs["cell"], jobs["evaluate"]) == (objects * columns,) * 2
     assert jobs["demo_model" if "demo" in target else "bop_model"] == objects
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from helpers.plans import CELL, photo_table
+from helpers.plans import PHOTO_CELL, photo_table
 from helpers.pretend import pretend
 from helpers.running import planned
 
@@ -14,7 +14,7 @@ def test_photos(snakemake, tmp_path):
     table = photo_table(tmp_path, tmp_path / "my cup/images", tmp_path / "my cup/masks", "0.12")
     run = snakemake("-n", "results/photos/cup/2dgs.ply", *table)
     assert run.returncode == 0, run.stdout
-    assert planned(run.stdout) == dict.fromkeys(["capture_photos", "register_photos", "segment", *CELL], 1)
+    assert planned(run.stdout) == dict.fromkeys(["capture_photos", "register_photos", "segment", *PHOTO_CELL], 1)
     assert "--images 'my cup/images' --masks 'my cup/masks'" in run.stdout
 
 
@@ -36,12 +36,12 @@ def test_photos_registered_by_the_object_alone(snakemake, tmp_path):
     chosen = "chosen={photos: {scene: video_segmented}}"
     run = snakemake("-n", "results/photos/cup/2dgs.ply", *photo_table(tmp_path, tmp_path / "images", tmp_path / "masks"), chosen)
     assert run.returncode == 0, run.stdout
-    assert planned(run.stdout) == dict.fromkeys(["capture_photos", "capture_object", "register_photos", "segment", *CELL], 1)
+    assert planned(run.stdout) == dict.fromkeys(["capture_photos", "capture_object", "register_photos", "segment", *PHOTO_CELL], 1)
     assert "--pictures results/photos/cup/video/capture " in run.stdout and "--scene video_segmented" in run.stdout
     run = snakemake("-n", "results/photos/cup/2dgs.ply", *photo_table(tmp_path, tmp_path / "images", ""), chosen)
     assert run.returncode == 0, run.stdout
     twice = dict.fromkeys(["register_photos", "segment"], 2)
-    assert planned(run.stdout) == dict.fromkeys(["capture_photos", "capture_object", *CELL], 1) | twice
+    assert planned(run.stdout) == dict.fromkeys(["capture_photos", "capture_object", *PHOTO_CELL], 1) | twice
     assert "--pictures results/photos/cup/video/auto/cameras " in run.stdout
     assert "--method support_plane --scene results/photos/cup/video/auto/scene" in run.stdout
     assert "--method user_masks --scene results/photos/cup/video_segmented/auto/scene" in run.stdout

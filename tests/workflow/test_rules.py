@@ -40,8 +40,8 @@ STEPS_WITH_KEYS = [
     ("height.marker", ("height", "marker")),
     ("height.depth_camera", ("height", "depth_camera")),
     ("height.mast3r", ("height", "mast3r")),
-    ("finish.clean", ("finish", "clean")),
-    ("evaluate.grade", ("finish", "grade")),
+    ("finish.shape", ("finish", "clean")),
+    ("evaluate.finished_mesh", ("finish", "grade")),
     ("synthetic.make_test_scenes", ("bop", "test_set")),
     ("report.object_page", ("report", "page")),
 ]

@@ -12,12 +12,11 @@ pytestmark = pytest.mark.slow
 CHOSEN, CELL, PHOTO = "results/demo/mug/2dgs.ply", "results/demo/mug/su_l/truth/2dgs/cell.csv", "results/photos/cup/2dgs.ply"
 TARGETS = (CHOSEN, CELL, PHOTO)
 VOXELS = CHOSEN.replace("2dgs", "svraster")
-STAGES = ["register", "stereo", "train_2dgs", "fuse_2dgs", "clean", "height", "close", "frame", "unwrap", "texture"]
+STAGES = ["register", "stereo", "train_2dgs", "fuse_2dgs", "shape", "texture"]
 ENDS = {
-    "chosen": ["evidence", "export", "preview", "quality", "grade", "publish"],
-    # What comes after a stale outcome is not known before it.
-    "cell": ["outcome", "cell"],
-    "photo": ["evidence", "export", "preview", "grade", "publish"],
+    "chosen": ["evaluate", "publish"],
+    "cell": ["evaluate", "cell"],
+    "photo": ["evaluate_photos", "publish"],
 }
 
 
@@ -69,8 +68,9 @@ def test_nothing_is_stale_at_first(finished):
         ("register={colmap: {max_features: 900}, auto: {max_features: 900}}", rerun("register", "chosen", "photo")),
         ("nvs={2dgs: {train: {iterations: 900}}}", rerun("train_2dgs", "chosen", "cell", "photo")),
         ("nvs={2dgs: {fuse: {voxels: 99}}}", rerun("fuse_2dgs", "chosen", "cell", "photo")),
-        ("finish={clean: {smooth: 2}}", rerun("clean", "chosen", "cell", "photo")),
-        ("finish={grade: {back_share: [0.03, 0.2]}}", {"grade": 3, "publish": 2, "cell": 1}),
+        ("finish={clean: {smooth: 2}}", rerun("shape", "chosen", "cell", "photo")),
+        ("finish={texture_size_px: 128}", rerun("texture", "chosen", "cell", "photo")),
+        ("finish={grade: {back_share: [0.03, 0.2]}}", {"evaluate": 2, "evaluate_photos": 1, "publish": 2, "cell": 1}),
         ("chosen={virtual: {scene: se}}", rerun("register", "chosen", capture_virtual=1)),
         ("tables={scenes: [se]}", {}),
     ],
@@ -80,7 +80,7 @@ def test_a_changed_choice_reruns_exactly_what_depends_on_it(finished, change, ex
 
 
 def test_a_changed_weight_of_svraster_reruns_its_training_and_what_follows_alone(finished):
-    rules = ["train_svraster", "mesh_svraster", *STAGES[STAGES.index("clean") :], *ENDS["chosen"]]
+    rules = ["train_svraster", "mesh_svraster", *STAGES[STAGES.index("shape") :], *ENDS["chosen"]]
     change = "nvs={svraster: {train: {lambda_normal: 0.123}}}"
     assert stale(finished, *TARGETS, VOXELS, config=[change]) == dict.fromkeys(rules, 1)
 
@@ -117,7 +117,7 @@ def test_a_height_that_is_told_later_costs_no_reconstruction(finished):
     before = table.read_text()
     try:
         table.write_text(before.replace("0.1\n", "0.2\n"))
-        assert stale(finished, *TARGETS) == rerun("height", "photo")
+        assert stale(finished, *TARGETS) == rerun("shape", "photo")
     finally:
         table.write_text(before)
 

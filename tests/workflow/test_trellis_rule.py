@@ -62,7 +62,7 @@ def test_without_cameras_the_mesh_is_finished_and_as_high_as_the_user_says(snake
     assert np.ptp(mesh.vertices[:, 2]) == pytest.approx(90.0, abs=1e-3) and mesh.colors is not None
     closed = snakemake("-n", f"{cell}/closed.ply", *registered)
     assert closed.returncode != 0 and "or with mesh.ply where that was generated: all else needs cameras" in closed.stdout
-    rules = [f"{name}_without_cameras" for name in ("finish", "preview", "evidence", "grade")]
+    rules = [f"{name}_without_cameras" for name in ("finish", "evaluate")]
     chosen = [*registered, "chosen={photos: {registration: none}}", "finish={texture_size_px: 256}"]
     run = snakemake("results/photos/box/trellis.ply", *chosen, "--allowed-rules", *rules, "publish")
     assert run.returncode == 0 and planned(run.stdout) == dict.fromkeys([*rules, "publish"], 1), run.stdout

@@ -61,7 +61,7 @@ WITH_REAL_TESTS = "|".join(filter(has_real_tests, config["datasets"])) or "(?!)"
 
 rule align:
     input:
-        mesh=outcome_or("mesh.ply"),
+        mesh=f"{CELL}/mesh.ply",
         evidence=f"{CELL}/evidence.npz",
         model=f"{OBJECT}/model",
     output:

@@ -90,6 +90,11 @@ def step_options(options):
     return " ".join(" ".join([f"--{key.replace('_', '-')}", *map(str, values)]) for key, values in words.items())
 
 
+def inputs_as_options(wildcards, input):
+    """The inputs of a rule as command line options of the same names; one that is empty is left out."""
+    return step_options({name: paths or None for name, paths in input.items()})
+
+
 def require_known(what, name, names, remedy):
     """`name`, or an error that lists the known names."""
     if name not in names:

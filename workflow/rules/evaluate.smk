@@ -9,13 +9,6 @@ except StepError as error:
     raise WorkflowError(str(error)) from None
 
 
-def quality_of(
-    wildcards,
-):
-    """The quality of a cell, where there is a truth to measure against."""
-    return [f"{CELL}/quality.json".format(**wildcards)] if knows_truth(wildcards.dataset) else []
-
-
 def film_truth_of(
     wildcards,
 ):
@@ -84,20 +77,27 @@ rule mask_error:
         " --out {output.table} --record-failure {output} > {log} 2>&1"
 
 
-rule evidence:
+rule evaluate:
     input:
-        mesh=f"{CELL}/unwrapped.ply",
+        mesh=f"{CELL}/mesh.ply",
         cameras=f"{RUN}/cameras",
         stereo=confirmed_depths,
-        closing=f"{CELL}/closed.json",
+        model=true_model_of,
+        capture=f"{SCENE}/capture",
+        film_truth=film_truth_of,
     output:
+        grade=f"{CELL}/grade.json",
+        grade_table=f"{CELL}/grade.csv",
+        quality=f"{CELL}/quality.json",
+        quality_table=f"{CELL}/quality.csv",
         evidence=f"{CELL}/evidence.npz",
-        figures=f"{CELL}/evidence.json",
+        preview=f"{CELL}/mesh_preview.png",
     log:
-        f"{CELL}/logs/evidence.log",
+        f"{CELL}/logs/evaluate.log",
     benchmark:
-        f"{CELL}/benchmarks/evidence.tsv"
+        f"{CELL}/benchmarks/evaluate.tsv"
     wildcard_constraints:
+        dataset=datasets_of("demo", "bop", "films"),
         registration=WITH_CAMERAS,
     resources:
         mem_mb=per_attempt(3000),
@@ -106,65 +106,25 @@ rule evidence:
         # One photo's pixels, 8 bytes each, and the mesh, beside what CUDA itself takes.
         gpu_mem_mb=1500 if config["finish"]["device"] != "cpu" else 0,
     params:
-        options=step_options({"device": config["finish"]["device"]}),
+        inputs=inputs_as_options,
+        options=step_options({"device": config["finish"]["device"], **config["finish"]["grade"]}),
     message:
-        "Telling what of the mesh was measured: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+        "Grading the mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
-        "python -m zeroshop_steps.evaluate --method surface_support --mesh {input.mesh} --cameras {input.cameras} --stereo {input.stereo}"
-        " --closing {input.closing} {params.options} --out {output.evidence} --record-failure {output} > {log} 2>&1"
+        "python -m zeroshop_steps.evaluate --method finished_mesh {params.inputs} {params.options}"
+        " --out {output.grade} --record-failure {output} > {log} 2>&1"
 
 
-rule quality:
-    input:
-        mesh=f"{CELL}/mesh.ply",
-        capture=f"{SCENE}/capture",
-        cameras=f"{RUN}/cameras",
-        model=true_model_of,
-        film_truth=film_truth_of,
-    output:
-        figures=f"{CELL}/quality.json",
-        table=f"{CELL}/quality.csv",
-    log:
-        f"{CELL}/logs/quality.log",
-    benchmark:
-        f"{CELL}/benchmarks/quality.tsv"
-    wildcard_constraints:
-        dataset=datasets_of("demo", "bop", "films"),
-    resources:
-        mem_mb=per_attempt(3000),
-        runtime=per_attempt(10),
-    params:
-        film_truth=lambda wildcards, input: step_options({"film_truth": " ".join(input.film_truth) or None}),
-    message:
-        "Measuring against the truth: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
-    shell:
-        "python -m zeroshop_steps.evaluate --method quality --mesh {input.mesh} --capture {input.capture} --cameras {input.cameras}"
-        " --model {input.model}/model.ply {params.film_truth} --out {output.figures} --record-failure {output} > {log} 2>&1"
-
-
-rule grade:
+use rule evaluate as evaluate_photos with:
     input:
         mesh=f"{CELL}/mesh.ply",
         cameras=f"{RUN}/cameras",
-        evidence=f"{CELL}/evidence.npz",
-        quality=quality_of,
+        stereo=confirmed_depths,
     output:
         grade=f"{CELL}/grade.json",
-        table=f"{CELL}/grade.csv",
-    log:
-        f"{CELL}/logs/grade.log",
-    benchmark:
-        f"{CELL}/benchmarks/grade.tsv"
+        grade_table=f"{CELL}/grade.csv",
+        evidence=f"{CELL}/evidence.npz",
+        preview=f"{CELL}/mesh_preview.png",
     wildcard_constraints:
+        dataset=datasets_of("photos"),
         registration=WITH_CAMERAS,
-    resources:
-        mem_mb=per_attempt(3000),
-        runtime=per_attempt(10),
-    params:
-        options=step_options(config["finish"]["grade"]),
-        quality=quality_option,
-    message:
-        "Grading {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
-    shell:
-        "python -m zeroshop_steps.evaluate --method grade --mesh {input.mesh} --cameras {input.cameras} --evidence {input.evidence}"
-        " {params.quality} {params.options} --out {output.grade} --record-failure {output} > {log} 2>&1"

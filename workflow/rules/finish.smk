@@ -1,5 +1,7 @@
 """Finish: a raw mesh becomes a product: clean, textured, in the object frame, in millimetres."""
 
+from zeroshop_steps.runtime.failures import read_failure
+
 
 def raw_mesh_of(
     wildcards,
@@ -36,8 +38,16 @@ def stage_facts(
     method = surface_method(require_known("nvs method", wildcards.nvs, methods.SURFACES, "The folder is named after the method."))
     stereo = [f"{RUN}/stereo/stereo.json"] if method.stereo else []
     training = [f"{CELL}/{Path(method.model).parent}/training.json"] if method.model else []
-    steps = ("raw_mesh", "clean", "height", "closed", "unwrapped", "texture")
+    steps = ("raw_mesh", "clean", "height", "closed")
     return [path.format(**wildcards) for path in (*stereo, *training, *(f"{CELL}/{name}.json" for name in steps))]
+
+
+def asked_again(
+    wildcards,
+):
+    """When a run was asked for a mesh that records a failure: a parameter, so that it is tried again and the run ends with the reason."""
+    mesh = f"{CELL}/mesh.ply".format(**wildcards)
+    return STARTED_S if mesh in workflow.dag_settings.targets and read_failure(mesh) else None
 
 
 def chosen_cell(
@@ -59,8 +69,9 @@ def in_chosen_cell(
 def chosen_quality(
     wildcards,
 ):
-    """The quality of the chosen cell, where there is a truth to measure against."""
-    return [f"{chosen_cell(wildcards)}/quality.json"] if knows_truth(wildcards.dataset) else []
+    """The quality of the chosen cell, where there is a truth to measure against and cameras that align the mesh with it."""
+    measured = knows_truth(wildcards.dataset) and chosen_run(wildcards)["registration"] != methods.WITHOUT_CAMERAS
+    return [f"{chosen_cell(wildcards)}/quality.json"] if measured else []
 
 
 def quality_option(
@@ -71,114 +82,70 @@ def quality_option(
     return step_options({"quality": " ".join(input.quality) or None})
 
 
-rule clean:
+# On a cluster, what takes a second is done where Snakemake runs.
+localrules:
+    publish,
+
+
+rule shape:
     input:
         mesh=raw_mesh_of,
         cameras=f"{RUN}/cameras",
-    output:
-        mesh=f"{CELL}/clean.ply",
-        facts=f"{CELL}/clean.json",
-    log:
-        f"{CELL}/logs/clean.log",
-    benchmark:
-        f"{CELL}/benchmarks/clean.tsv"
-    resources:
-        mem_mb=per_attempt(3000),
-        runtime=per_attempt(10),
-    params:
-        options=step_options(config["finish"]["clean"]),
-    message:
-        "Cleaning the mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
-    shell:
-        "python -m zeroshop_steps.finish --method clean --mesh {input.mesh} --cameras {input.cameras}"
-        " {params.options} --out {output.mesh} --record-failure {output} > {log} 2>&1"
-
-
-rule close:
-    input:
-        mesh=f"{CELL}/clean.ply",
-        height=f"{CELL}/height.json",
-        cameras=f"{RUN}/cameras",
-        generated=proposed_mesh,
+        capture=f"{SCENE}/capture",
         stereo=confirmed_depths,
+        generated=proposed_mesh,
+        marker_images=extra_photos("marker_images"),
+        depth=extra_photos("depth"),
     output:
         mesh=f"{CELL}/closed.ply",
         facts=f"{CELL}/closed.json",
-    log:
-        f"{CELL}/logs/close.log",
-    benchmark:
-        f"{CELL}/benchmarks/close.tsv"
-    resources:
-        mem_mb=per_attempt(3000),
-        runtime=per_attempt(10),
-    params:
-        options=step_options(
-            {name: config["finish"][name] for name in ("underside", "holes", "hollows")}
-            | {"max_faces": config["finish"]["clean"]["max_faces"]}
-        ),
-    message:
-        "Closing the surface of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
-    shell:
-        "python -m zeroshop_steps.finish --method close --mesh {input.mesh} --height {input.height} --cameras {input.cameras}"
-        " --generated {input.generated} --stereo {input.stereo} {params.options} --out {output.mesh} --record-failure {output} > {log} 2>&1"
-
-
-rule frame:
-    input:
-        mesh=f"{CELL}/closed.ply",
+        cleaned=f"{CELL}/clean.ply",
+        cleaned_facts=f"{CELL}/clean.json",
         height=f"{CELL}/height.json",
-        cameras=f"{RUN}/cameras",
-        capture=f"{SCENE}/capture",
-    output:
         frame=f"{CELL}/frame.json",
     log:
-        f"{CELL}/logs/frame.log",
+        f"{CELL}/logs/shape.log",
     benchmark:
-        f"{CELL}/benchmarks/frame.tsv"
+        f"{CELL}/benchmarks/shape.tsv"
+    threads: 2
     resources:
-        mem_mb=per_attempt(3000),
-        runtime=per_attempt(10),
-    message:
-        "Finding the object frame of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
-    shell:
-        "python -m zeroshop_steps.finish --method frame --mesh {input.mesh} --height {input.height} --cameras {input.cameras}"
-        " --capture {input.capture} --out {output.frame} --record-failure {output} > {log} 2>&1"
-
-
-rule unwrap:
-    input:
-        mesh=f"{CELL}/closed.ply",
-    output:
-        mesh=f"{CELL}/unwrapped.ply",
-        facts=f"{CELL}/unwrapped.json",
-    log:
-        f"{CELL}/logs/unwrap.log",
-    benchmark:
-        f"{CELL}/benchmarks/unwrap.tsv"
-    resources:
-        mem_mb=per_attempt(3000),
-        runtime=per_attempt(10),
+        mem_mb=lambda wildcards, attempt: max(3000, height_needs(wildcards).mem_mb) * attempt,
+        runtime=lambda wildcards, attempt: (20 + height_needs(wildcards).runtime_min) * attempt,
+        gpu=gpu_of("height", height_needs),
+        gpu_mem_mb=gpu_mem_of("height", height_needs),
     params:
-        texture_size_px=config["finish"]["texture_size_px"],
+        options=step_options({**config["finish"]["clean"], **{name: config["finish"][name] for name in ("underside", "holes", "hollows")}}),
+        height=height_method,
+        height_options=height_options,
+        weights=lambda wildcards: weights_stamp("height", height_method(wildcards), height_needs(wildcards)),
     message:
-        "Unwrapping the mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+        "Cleaning, measuring and closing the mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
-        "python -m zeroshop_steps.finish --method unwrap --mesh {input.mesh} --texture-size {params.texture_size_px}"
-        " --out {output.mesh} --record-failure {output} > {log} 2>&1"
+        "python -m zeroshop_steps.finish --method shape --mesh {input.mesh} --cameras {input.cameras} --capture {input.capture}"
+        " --generated {input.generated} --stereo {input.stereo} {params.options} --out {output.mesh} --record-failure {output}"
+        f"{AND_REFUSALS}"
+        " --height {params.height} {params.height_options} > {log} 2>&1"
 
 
 rule texture:
     input:
-        mesh=f"{CELL}/unwrapped.ply",
+        mesh=f"{CELL}/closed.ply",
+        frame=f"{CELL}/frame.json",
         cameras=f"{RUN}/cameras",
+        capture=f"{SCENE}/capture",
         generated=generated_mesh,
+        facts=stage_facts,
     output:
-        texture=f"{CELL}/texture.png",
-        facts=f"{CELL}/texture.json",
+        mesh=f"{CELL}/mesh.ply",
+        texture=f"{CELL}/mesh.png",
+        glb=f"{CELL}/mesh.glb",
+        facts=f"{CELL}/mesh.json",
     log:
         f"{CELL}/logs/texture.log",
     benchmark:
         f"{CELL}/benchmarks/texture.tsv"
+    wildcard_constraints:
+        registration=WITH_CAMERAS,
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),
@@ -187,63 +154,13 @@ rule texture:
         gpu_mem_mb=1000 + 41 * config["finish"]["texture_size_px"] ** 2 // 10**6 if config["finish"]["device"] != "cpu" else 0,
     params:
         options=step_options({"texture_size": config["finish"]["texture_size_px"], "device": config["finish"]["device"]}),
+        asked=asked_again,
     message:
-        "Baking the texture of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+        "Texturing the mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
-        "python -m zeroshop_steps.finish --method texture --mesh {input.mesh} --cameras {input.cameras}"
-        " --generated {input.generated} {params.options} --out {output.texture} --record-failure {output} > {log} 2>&1"
-
-
-rule export:
-    input:
-        mesh=f"{CELL}/unwrapped.ply",
-        texture=f"{CELL}/texture.png",
-        frame=f"{CELL}/frame.json",
-        capture=f"{SCENE}/capture",
-        cameras=f"{RUN}/cameras",
-        facts=stage_facts,
-    output:
-        mesh=f"{CELL}/mesh.ply",
-        texture=f"{CELL}/mesh.png",
-        glb=f"{CELL}/mesh.glb",
-        facts=f"{CELL}/mesh.json",
-    log:
-        f"{CELL}/logs/export.log",
-    benchmark:
-        f"{CELL}/benchmarks/export.tsv"
-    wildcard_constraints:
-        registration=WITH_CAMERAS,
-    resources:
-        mem_mb=per_attempt(3000),
-        runtime=per_attempt(10),
-    message:
-        "Writing the finished mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
-    shell:
-        "python -m zeroshop_steps.finish --method export --mesh {input.mesh} --texture {input.texture} --frame {input.frame}"
-        " --stages {input.capture}/capture.json {input.cameras}/registration.json {input.facts}"
-        " --out {output.mesh} > {log} 2>&1"
-
-
-rule preview:
-    input:
-        mesh=f"{CELL}/mesh.ply",
-        cameras=f"{RUN}/cameras",
-    output:
-        preview=f"{CELL}/mesh_preview.png",
-    log:
-        f"{CELL}/logs/preview.log",
-    benchmark:
-        f"{CELL}/benchmarks/preview.tsv"
-    wildcard_constraints:
-        registration=WITH_CAMERAS,
-    resources:
-        mem_mb=per_attempt(3000),
-        runtime=per_attempt(10),
-    message:
-        "Rendering a preview of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
-    shell:
-        "python -m zeroshop_steps.finish --method preview --mesh {input.mesh} --cameras {input.cameras}"
-        " --out {output.preview} > {log} 2>&1"
+        "python -m zeroshop_steps.finish --method texture --mesh {input.mesh} --frame {input.frame} --cameras {input.cameras}"
+        " --generated {input.generated} --stages {input.capture}/capture.json {input.cameras}/registration.json {input.facts}"
+        " {params.options} --out {output.mesh} --record-failure {output} > {log} 2>&1"
 
 
 rule publish:

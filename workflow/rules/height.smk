@@ -104,39 +104,6 @@ def options_for_mast3r(
     return step_options({**options, "marker_images": shlex.quote(photo_place(wildcards, "marker_images")), "height_m": row["height_m"]})
 
 
-rule height:
-    input:
-        mesh=f"{CELL}/clean.ply",
-        cameras=f"{RUN}/cameras",
-        capture=f"{SCENE}/capture",
-        stereo=confirmed_depths,
-        marker_images=extra_photos("marker_images"),
-        depth=extra_photos("depth"),
-    output:
-        height=f"{CELL}/height.json",
-    log:
-        f"{CELL}/logs/height.log",
-    benchmark:
-        f"{CELL}/benchmarks/height.tsv"
-    threads: 2
-    resources:
-        mem_mb=lambda wildcards, attempt: height_needs(wildcards).mem_mb * attempt,
-        runtime=lambda wildcards, attempt: height_needs(wildcards).runtime_min * attempt,
-        gpu=gpu_of("height", height_needs),
-        gpu_mem_mb=gpu_mem_of("height", height_needs),
-    params:
-        method=height_method,
-        options=height_options,
-        weights=lambda wildcards: weights_stamp("height", height_method(wildcards), height_needs(wildcards)),
-    message:
-        "Measuring the height of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
-    shell:
-        "python -m zeroshop_steps.height --method {params.method} --mesh {input.mesh} --cameras {input.cameras} --capture {input.capture}"
-        " --stereo {input.stereo} {params.options} --out {output.height} --record-failure {output}"
-        f"{AND_REFUSALS}"
-        " > {log} 2>&1"
-
-
 rule height_by_board:
     input:
         mesh=f"{CELL}/clean.ply",

@@ -5,16 +5,14 @@ results/DATASET/OBJECT/cells.csv                         one object: every cell 
 results/DATASET/tables/SCENE/REGISTRATION/NVS.csv        one column: this cell of every object
 results/DATASET/tables/reconstruction.csv                one table: every cell of every object (tables.smk)
 
-A failed cell is a result: a step of a cell that fails leaves a record (`--record-failure`), the steps after it and `outcome` pass it
-on, and the other cells go on. The finished mesh is never a record: asked for, such a cell ends with the reason.
+A failed cell is a result: a step of a cell that fails leaves a record (`--record-failure`), the steps after it pass it on, and the other
+cells go on. The chosen mesh is never a record: asked for, such a cell ends with the reason.
 """
 
 import functools
 import itertools
 
 from snakemake.logging import logger
-
-from zeroshop_steps.runtime import failures
 
 SURFACES_WITHOUT_CAMERAS = [name for name, method in methods.SURFACES.items() if not method.registration]
 # Steps that tell a cell's coordinates from its path are told where these begin; in the usual folder they know.
@@ -136,64 +134,22 @@ def figures_of(
     return lambda wildcards: [f"{CELL}/cell.csv".format(**cell) for cell in cells(wildcards)]
 
 
-def parts_of_mesh(
-    wildcards,
-):
-    """What the finished mesh is put together from."""
-    return [f"{CELL}/{part}".format(**wildcards) for part in ("unwrapped.ply", "texture.png", "frame.json")]
-
-
-def outcome_or(
-    *names,
-):
-    """An input function: these files of a cell; of one that failed, the record of its failure."""
-
-    def files(
-        wildcards,
-    ):
-        outcome = checkpoints.outcome.get(**wildcards).output.outcome
-        return [outcome] if failures.read_failure(outcome) else [f"{CELL}/{name}".format(**wildcards) for name in names]
-
-    return files
-
-
 def measurements_of(
     wildcards,
 ):
-    """The measurements of a cell, where there is a truth, and its grade; of one that failed, the record of its failure."""
+    """The measurements of a cell, where there is a truth, and its grade, or records of its failure; without cameras, there is nothing else."""
     if wildcards.registration == methods.WITHOUT_CAMERAS:
         return f"{CELL}/outcome.json".format(**wildcards)
-    return outcome_or(*(["quality.csv"] if quality_of(wildcards) else []), "grade.csv")(wildcards)
+    names = ["quality.csv", "grade.csv"] if knows_truth(wildcards.dataset) else ["grade.csv"]
+    return [f"{CELL}/{name}".format(**wildcards) for name in names]
 
 
 # On a cluster, what takes a second is done where Snakemake runs.
 localrules:
-    outcome,
     outcome_without_cameras,
     cell,
     object_table,
     column_table,
-
-
-checkpoint outcome:
-    input:
-        parts=parts_of_mesh,
-    output:
-        outcome=f"{CELL}/outcome.json",
-    log:
-        f"{CELL}/logs/outcome.log",
-    benchmark:
-        f"{CELL}/benchmarks/outcome.tsv"
-    wildcard_constraints:
-        registration=WITH_CAMERAS,
-    resources:
-        mem_mb=per_attempt(500),
-        runtime=per_attempt(5),
-    message:
-        "Noting how {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}, ended"
-    shell:
-        "python -m zeroshop_steps.evaluate --method outcome --parts {input.parts} --out {output.outcome}"
-        " --record-failure {output} > {log} 2>&1"
 
 
 rule outcome_without_cameras:
@@ -213,7 +169,7 @@ rule outcome_without_cameras:
     message:
         "Noting that {wildcards.object}, scene {wildcards.scene}, {wildcards.nvs}, ended with its raw mesh"
     shell:
-        "python -m zeroshop_steps.evaluate --method outcome --parts {input.mesh} --without-cameras --out {output.outcome}"
+        "python -m zeroshop_steps.evaluate --method outcome --mesh {input.mesh} --out {output.outcome}"
         " --record-failure {output} > {log} 2>&1"
 
 

@@ -32,7 +32,7 @@ def parts_of_page(
     cells = cells_of_page(wildcards)
     if is_virtual(wildcards.dataset):
         return [f"{CELL}/cell.csv".format(**cell) for cell in cells]
-    return [part for cell in cells for part in outcome_or("mesh.ply", "grade.json")(cell)]
+    return [part for cell in cells for part in (f"{CELL}/{name}".format(**cell) for name in ("mesh.ply", "grade.json"))]
 
 
 def other_cells(

@@ -137,7 +137,7 @@ for method in itertools.chain(*map(ways_of, map(surface_method, SURFACES))):
             gpu_mem_mb=method.gpu_mem_mb(surface_section(method, 0)),
         params:
             method=method.step.partition(".")[2],
-            inputs=lambda wildcards, input: " ".join(f"--{name} {path}" for name, path in input.items()),
+            inputs=inputs_as_options,
             out=str(Path(made[0]).parent) if method.model else made[0],
             options=training_options(method),
             height=height_option if method.cameras_optional else "",

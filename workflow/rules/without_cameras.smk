@@ -40,65 +40,13 @@ rule finish_without_cameras:
         " {params.options} {params.finish} --out {output.mesh} > {log} 2>&1"
 
 
-rule preview_without_cameras:
+use rule evaluate_photos as evaluate_without_cameras with:
     input:
         mesh=f"{CELL}/mesh.ply",
-    output:
-        preview=f"{CELL}/mesh_preview.png",
-    log:
-        f"{CELL}/logs/preview.log",
-    benchmark:
-        f"{CELL}/benchmarks/preview.tsv"
     wildcard_constraints:
         registration=methods.WITHOUT_CAMERAS,
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),
     message:
-        "Rendering the generated mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.nvs}, from around"
-    shell:
-        "python -m zeroshop_steps.finish --method preview --mesh {input.mesh} --out {output.preview} > {log} 2>&1"
-
-
-rule evidence_without_cameras:
-    input:
-        mesh=f"{CELL}/mesh.ply",
-    output:
-        evidence=f"{CELL}/evidence.npz",
-        figures=f"{CELL}/evidence.json",
-    log:
-        f"{CELL}/logs/evidence.log",
-    benchmark:
-        f"{CELL}/benchmarks/evidence.tsv"
-    wildcard_constraints:
-        registration=methods.WITHOUT_CAMERAS,
-    resources:
-        mem_mb=per_attempt(1000),
-        runtime=per_attempt(5),
-    message:
-        "Marking the generated mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.nvs}, as never seen"
-    shell:
-        "python -m zeroshop_steps.evaluate --method surface_support --mesh {input.mesh} --out {output.evidence} > {log} 2>&1"
-
-
-rule grade_without_cameras:
-    input:
-        mesh=f"{CELL}/mesh.ply",
-    output:
-        grade=f"{CELL}/grade.json",
-        table=f"{CELL}/grade.csv",
-    log:
-        f"{CELL}/logs/grade.log",
-    benchmark:
-        f"{CELL}/benchmarks/grade.tsv"
-    wildcard_constraints:
-        registration=methods.WITHOUT_CAMERAS,
-    resources:
-        mem_mb=per_attempt(1000),
-        runtime=per_attempt(5),
-    params:
-        options=step_options(config["finish"]["grade"]),
-    message:
-        "Noting that the mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.nvs}, is not graded"
-    shell:
-        "python -m zeroshop_steps.evaluate --method grade --mesh {input.mesh} {params.options} --out {output.grade} > {log} 2>&1"
+        "Noting that the mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.nvs}, was never seen and is not graded"

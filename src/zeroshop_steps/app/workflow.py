@@ -27,8 +27,7 @@ from zeroshop_steps.runtime.settings import read_yaml
 
 TYPICAL_S = {
     "capture_photos": 2, "register_photos": 44, "segment": 13, "capture_object": 13, "stereo": 16, "train_2dgs": 25, "fuse_2dgs": 8,
-    "train_svraster": 15, "mesh_svraster": 5, "clean": 9, "height": 3, "close": 10, "frame": 1, "unwrap": 1, "texture": 8,
-    "evidence": 5, "export": 1, "grade": 6, "preview": 4, "publish": 1,
+    "train_svraster": 15, "mesh_svraster": 5, "shape": 21, "texture": 9, "evaluate_photos": 12, "publish": 1,
 }  # fmt: skip
 """Seconds of each rule for 25 photos of 1558 x 1039 px on two cores: what the time left is estimated from, scaled to this run."""
 OTHER_S = 3

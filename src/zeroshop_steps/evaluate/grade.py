@@ -2,7 +2,7 @@
 
 There are two judgements, each decided by its worst measure. The first one needs no truth, so it grades own photos too: registered
 photos, silhouettes, parts, open borders, visible backs, roughness, whether the photos agree with one another on the surface, and
-how much of the surface was measured. The second one is made if quality.json is given: distances to the true surface. Then its
+how much of the surface was measured. The second one is made where the truth is known: distances to the true surface. Then its
 grade is the grade of the cell. An underside that was closed without being seen counts in neither.
 
 Silhouettes and colours are judged in the registered photos, both for rendered and for own captures, so that the limits mean the
@@ -12,12 +12,8 @@ A mesh that was generated without cameras has nothing to be judged by. Its grade
 """
 
 import argparse
-import sys
-import time
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
-
-import numpy as np
 
 from zeroshop_steps.evaluate.grading import MEASURES, GradeResult, check_limits, grade_by_worst
 from zeroshop_steps.evaluate.photo_measures import measure_photo_agreement
@@ -29,59 +25,49 @@ from zeroshop_steps.evaluate.surface_measures import (
 )
 from zeroshop_steps.finish.underside import drop_underside
 from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.support_classes import compute_area_shares, with_surface_support
-from zeroshop_steps.geometry.transforms import transform_camera
-from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import read_json, write_json
+from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.support_classes import compute_area_shares
+from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.runtime.tables import write_table
 
 NOT_GRADED = "not graded: the mesh was generated without cameras, so nothing was measured"
 SEEN_FROM_BELOW = 2  # cameras below the support; with so many the underside was seen, and open borders there count
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The method's command line."""
-    parser.add_argument("--mesh", type=Path, required=True, help="finished mesh.ply with its JSON beside it")
-    parser.add_argument("--cameras", type=Path, help="registered cameras with images and masks; none for a mesh generated without")
-    parser.add_argument("--evidence", type=Path, help="evidence.npz of the mesh; without it, assumed and guessed surface is not judged")
-    parser.add_argument("--quality", type=Path, help="quality.json, if there is a true model")
+def add_limits(parser: argparse.ArgumentParser) -> None:
+    """Options for the limits of each measure."""
     for measure in MEASURES:
         default = [measure.good, measure.sparse]
         option = "--" + measure.name.replace("_", "-")
         parser.add_argument(option, type=float, nargs=2, metavar=("GOOD", "SPARSE"), default=default, help=f"limits: {measure.text}")
-    parser.add_argument("--out", type=Path, required=True, help="grade.json; a tidy CSV goes beside it")
 
 
-def run(args: argparse.Namespace) -> None:
-    """Grade one mesh."""
-    start_s = time.monotonic()
-    limits = {measure.name: check_limits(measure.name, getattr(args, measure.name)) for measure in MEASURES}
-    metadata = read_json(args.mesh.with_suffix(".json"))
-    if args.cameras is None:
-        if not metadata.get("generated"):
-            raise StepError(f"{args.mesh} was made with cameras, and its grade needs them; give them as --cameras")
-        write_grade(args.out, make_ungraded_record(limits) | {"seconds": round(time.monotonic() - start_s, 2)})
-        return
-    facts = metadata["frame_facts"]
-    views, _ = read_views(args.cameras)
-    object_from_registration = np.array(facts["object_from_registration"])
-    views = [replace(view, camera=transform_camera(view.camera, object_from_registration)) for view in views]
-    record = read_json(args.cameras / "registration.json")
-    mesh = read_ply(args.mesh)
-    values = measure_mesh(drop_underside(mesh, metadata), views, record["images"] - len(record.get("foreign", [])), facts["bottom_z"])
-    if args.evidence:
-        supported = drop_underside(with_surface_support(mesh, args.evidence), metadata)
-        values["assumed_share"] = compute_area_shares(supported)["assumed"]
-        values["guessed_share"] = round(measure_guessed_share(supported, views, find_inferred(metadata)), 5)
+def read_limits(args: argparse.Namespace) -> dict[str, tuple[float, float]]:
+    """The limits by measure. Raises StepError where one is no pair of limits in the right order."""
+    return {measure.name: check_limits(measure.name, getattr(args, measure.name)) for measure in MEASURES}
+
+
+def judge_mesh(
+    mesh: Mesh, metadata: dict, views: list[View], photos: int, quality: dict | None, limits: dict[str, tuple[float, float]]
+) -> dict:  # fmt: skip
+    """The content of grade.json.
+
+    Args:
+        mesh: in the object frame, with the support of its surface as quality.
+        metadata: content of mesh.json.
+        views: the registered photos, their cameras in the object frame.
+        photos: how many photos the capture has.
+        quality: content of quality.json; None without a truth.
+        limits: by measure.
+    """
+    supported = drop_underside(mesh, metadata)
+    values = measure_mesh(supported, views, photos, metadata["frame_facts"]["bottom_z"])
+    values["assumed_share"] = compute_area_shares(supported)["assumed"]
+    values["guessed_share"] = round(measure_guessed_share(supported, views, find_inferred(metadata)), 5)
     true_values = None
-    if args.quality:
-        quality = read_json(args.quality)
+    if quality is not None:
         true_values = {measure.name: quality[measure.name] for measure in MEASURES if measure.needs_truth and measure.name in quality}
-    content = make_grade_record(values, true_values, limits)
-    write_grade(args.out, content | {"seconds": round(time.monotonic() - start_s, 2)})
-    print(f"grade: {content['grade']} {'; '.join(content['reasons'])}", file=sys.stderr)
+    return make_grade_record(values, true_values, limits)
 
 
 def find_inferred(metadata: dict) -> slice:

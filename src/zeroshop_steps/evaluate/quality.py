@@ -8,9 +8,6 @@ box of the mask; each is black outside its own silhouette. The scale error compa
 cameras; the other figures do not depend on it, because the alignment includes the scale.
 """
 
-import argparse
-import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +18,7 @@ from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_tr
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import View, read_first_cameras, read_views
+from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.surface_distance import measure_surface_error
 from zeroshop_steps.geometry.transforms import compute_scale, transform_camera, transform_points
 from zeroshop_steps.runtime.files import read_json, write_json
@@ -73,44 +70,33 @@ class GroundTruth:
         return GroundTruth(surface, diameter_mm, float(surface.vertices[:, 2].min()), read_true_cameras(capture, film_truth), [])
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The method's command line."""
-    parser.add_argument("--mesh", type=Path, required=True, help="finished mesh.ply with its JSON beside it")
-    parser.add_argument("--capture", type=Path, required=True, help="virtual capture with truth/ and held_out/, or that of a film")
-    parser.add_argument("--film-truth", type=Path, help="truth of the rendered film that the capture was made from")
-    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras")
-    parser.add_argument("--model", type=Path, required=True, help="true model.ply; model_info.json beside it gives the diameter")
-    parser.add_argument("--out", type=Path, required=True, help="quality.json; a tidy CSV goes beside it")
+def make_quality_record(mesh: Mesh, metadata: dict, registered: tuple[Camera, ...], truth: GroundTruth) -> dict:
+    """The content of quality.json.
 
-
-def run(args: argparse.Namespace) -> None:
-    """Measure one mesh."""
-    start_s = time.monotonic()
-    metadata = read_json(args.mesh.with_suffix(".json"))
+    Args:
+        mesh: textured, in the object frame.
+        metadata: content of mesh.json.
+        registered: the registered cameras, of the first pass, in their own frame.
+        truth: what the mesh is compared with.
+    """
     facts = metadata["frame_facts"]
-    film = args.film_truth
-    truth = GroundTruth.read_film(args.capture, args.model, film) if film else GroundTruth.read(args.capture, args.model)
-    figures = measure_quality(
-        drop_underside(read_ply(args.mesh), metadata),
-        np.array(facts["object_from_registration"]),
-        read_first_cameras(args.cameras),
-        truth,
-    )
+    figures = measure_quality(drop_underside(mesh, metadata), np.array(facts["object_from_registration"]), registered, truth)
     figures["scale_known"] = facts["scale"] == "known"
     if not figures["scale_known"]:
         figures["scale_error_percent"] = None
     # The time that the mesh took is copied here, so that this file has all that the tables show.
     took, cpu = metadata.get("seconds", {}), metadata.get("cpu_seconds", {})
     costs = {"training_seconds": took.get("nvs"), "training_cpu_seconds": cpu.get("nvs"), "mesh_seconds": took.get("total")}
-    figures |= {name: value for name, value in costs.items() if value is not None}
-    write_json(args.out, figures | {"seconds": round(time.monotonic() - start_s, 2)})
-    measured = {key: value for key, value in figures.items() if isinstance(value, int | float) and not isinstance(value, bool)}
-    write_table(args.out.with_suffix(".csv"), [{"measure": key, "value": value} for key, value in measured.items()])
-    print(
-        f"quality: accuracy {figures['accuracy_mm']} mm, completeness {figures['completeness_mm']} mm, "
-        f"F at 1 % {figures['f_score_1_percent']}",
-        file=sys.stderr,
-    )
+    return figures | {name: value for name, value in costs.items() if value is not None}
+
+
+def write_quality(path: Path, content: dict) -> None:
+    """Write quality.json and, beside it, its figures as a tidy CSV."""
+    write_json(path, content)
+    measured = {
+        key: value for key, value in content.items() if key != "seconds" and isinstance(value, int | float) and not isinstance(value, bool)
+    }
+    write_table(path.with_suffix(".csv"), [{"measure": key, "value": value} for key, value in measured.items()])
 
 
 def measure_quality(mesh: Mesh, object_from_registration: np.ndarray, registered: tuple[Camera, ...], truth: GroundTruth) -> dict:

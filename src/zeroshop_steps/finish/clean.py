@@ -5,24 +5,22 @@ part is always kept. Where there are no cameras, only small parts are floaters.
 """
 
 import argparse
-import sys
-import time
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-import pymeshlab
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.mesh_repair import drop_repeated_faces, find_triangles
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import View, find_possible, read_views
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.registered_views import View, find_possible
 from zeroshop_steps.geometry.transforms import shrink_camera
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import write_json
+
+if TYPE_CHECKING:
+    import pymeshlab
 
 RENDER_PX = 320  # longer side of the renders that tell which parts are seen; smaller ones would miss thin parts
 MASK_MARGIN_PX = 3.0  # a vertex this far outside a mask is outside: borders of masks are about this uncertain
@@ -33,10 +31,8 @@ DECIMATION_QUALITY = 0.3  # MeshLab's threshold against slivers, its default; gi
 BORDER_WEIGHT = 2.0  # edges of open borders count twice in the decimation, so that borders keep their shape
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The method's command line."""
-    parser.add_argument("--mesh", type=Path, required=True, help="raw mesh, registration frame")
-    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Options of cleaning."""
     parser.add_argument("--max-faces", type=int, default=45000, help="the mesh is simplified to so many (default: %(default)s)")
     parser.add_argument(
         "--min-part", type=float, default=0.05, help="smallest part that is kept, as a share of the largest (default: %(default)s)"
@@ -48,41 +44,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="steps of Taubin smoothing, which does not shrink; 0 for none (default: %(default)s)",
     )
     parser.add_argument("--max-hole-edges", type=int, default=30, help="holes with at most so many edges are closed (default: %(default)s)")
-    parser.add_argument("--out", type=Path, required=True, help="cleaned mesh; its figures are written beside it as .json")
 
 
-def run(args: argparse.Namespace) -> None:
-    """Clean one mesh."""
+def check_options(args: argparse.Namespace) -> None:
+    """Raise StepError for options of cleaning that are out of range."""
     if args.max_faces < MIN_FACES:
         raise StepError(f"--max-faces is {args.max_faces}; at least {MIN_FACES} are needed for a surface")
     if not 0.0 <= args.min_part <= 1.0:
         raise StepError(f"--min-part is {args.min_part}; it is a share between 0 and 1")
-    start_s = time.monotonic()
-    raw = read_ply(args.mesh)
-    views, _ = read_views(args.cameras)
-    try:
-        mesh, dropped = clean_mesh(raw, views, args.max_faces, args.min_part, args.smooth, args.max_hole_edges)
-    except StepError as error:
-        raise StepError(f"{args.mesh}: {error}") from error.__cause__
-    write_ply(args.out, mesh.with_normals())
-    write_json(
-        args.out.with_suffix(".json"),
-        {
-            "raw_faces": len(raw.faces),
-            "faces": len(mesh.faces),
-            "vertices": len(mesh.vertices),
-            "watertight": bool(mesh.as_trimesh().is_watertight),
-            "dropped_parts": dropped,
-            "parameters": {
-                "max_faces": args.max_faces,
-                "min_part": args.min_part,
-                "smooth": args.smooth,
-                "max_hole_edges": args.max_hole_edges,
-            },
-            "seconds": round(time.monotonic() - start_s, 2),
-        },
-    )
-    print(f"clean: {len(raw.faces)} -> {len(mesh.faces)} faces, dropped {dropped}", file=sys.stderr)
 
 
 def clean_mesh(
@@ -94,6 +63,8 @@ def clean_mesh(
         mesh: the cleaned mesh, oriented towards the cameras; without views, as it was.
         dropped: how many parts were removed, by reason.
     """
+    import pymeshlab
+
     mesh = _weld(raw)
     mesh = _trim_to_masks(mesh, views)
     mesh, dropped = drop_floaters(mesh, views, min_part)
@@ -118,6 +89,8 @@ def clean_mesh(
 
 def simplify(mesh: Mesh, max_faces: int, smooth: int) -> Mesh:
     """A closed mesh smoothed by Taubin steps and decimated to at most `max_faces`; it stays closed."""
+    import pymeshlab
+
     worker = pymeshlab.MeshSet(verbose=False)
     worker.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))
     if smooth > 0:
@@ -127,7 +100,7 @@ def simplify(mesh: Mesh, max_faces: int, smooth: int) -> Mesh:
     return Mesh(np.array(result.vertex_matrix()), np.array(result.face_matrix(), np.int64))
 
 
-def _decimate(worker: pymeshlab.MeshSet, max_faces: int, closed: bool) -> None:
+def _decimate(worker: "pymeshlab.MeshSet", max_faces: int, closed: bool) -> None:
     if worker.current_mesh().face_number() > max_faces:
         worker.meshing_decimation_quadric_edge_collapse(
             targetfacenum=max_faces,

@@ -12,8 +12,8 @@ inside (hollows.py).
 
 import argparse
 import sys
-import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,11 +22,9 @@ import numpy as np
 
 from zeroshop_steps.finish.clean import simplify
 from zeroshop_steps.finish.underside import STATES, Underside, close_underside, find_open_borders, leave_open, make_plane_axes
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.surface_distance import SEEN_BY, count_seeing_views, measure_distances
-from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.surface.seeds import read_confirmed_points
 
 if TYPE_CHECKING:
@@ -50,11 +48,23 @@ ADDED_DIAGONALS = 0.005
 """A face farther than this from the measured surface, in diagonals of the object, was added."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The method's command line."""
-    parser.add_argument("--mesh", type=Path, required=True, help="cleaned mesh, registration frame")
-    parser.add_argument("--height", type=Path, required=True, help="height.json, which has the support plane")
-    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
+@dataclass(frozen=True)
+class Closing:
+    """What is closed: `underside` and `holes` are closed or open, `hollows` opened or kept; a surface closed in space has `max_faces`."""
+
+    underside: str = "closed"
+    holes: str = "closed"
+    hollows: str = "opened"
+    max_faces: int = 45000
+
+    @property
+    def everything(self) -> bool:
+        """Whether the underside and all holes are closed."""
+        return self.underside == self.holes == "closed"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Options of closing."""
     parser.add_argument("--underside", choices=STATES, default="closed", help="close it, or leave it open (default: %(default)s)")
     parser.add_argument(
         "--holes", choices=STATES, default="closed", help="close all other holes, where the underside is closed (default: %(default)s)"
@@ -65,64 +75,65 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="opened",
         help="lids over plain hollows of a mesh that was closed: open them where photos tell the inside (default: %(default)s)",
     )
-    parser.add_argument(
-        "--generated",
-        type=Path,
-        nargs="?",
-        help="a generated mesh, which proposes the underside and hollows where both are closed; registration frame",
-    )
-    parser.add_argument("--stereo", type=Path, nargs="?", help="seeds.npz with the depths that stereo confirmed, if there are any")
-    parser.add_argument("--max-faces", type=int, default=45000, help="triangles at most of a surface closed in space")
-    parser.add_argument("--out", type=Path, required=True, help="mesh to write; its facts go beside it as .json")
 
 
-def run(args: argparse.Namespace) -> None:
-    """Write the closed mesh."""
+def close_mesh(
+    mesh: Mesh, height: Mapping[str, Any], views: Sequence[View], options: Closing, stereo: Path | None = None,
+    generated: Mesh | None = None,
+) -> tuple[Mesh, dict[str, Any]]:  # fmt: skip
+    """Close a cleaned mesh, as the module describes.
+
+    Args:
+        mesh: in the registration frame.
+        height: content of height.json, which has the support plane.
+        views: the registered photos.
+        options: what is closed.
+        stereo: seeds.npz with the depths that stereo confirmed, if there are any.
+        generated: a mesh that proposes the underside and hollows, where both are closed; registration frame.
+
+    Returns:
+        the closed mesh, and the content of closed.json.
+    """
     from zeroshop_steps.finish.overhang import lift_underside
     from zeroshop_steps.finish.watertight import GroundPlane
 
-    start_s = time.monotonic()
-    mesh, height = read_ply(args.mesh), read_json(args.height)
     plane = GroundPlane(np.array(height["up"]), height["bottom"]) if height["up_source"] == "support_plane" else None
     floor = plane or find_floor(mesh, height)
     method, ground_share = "none", plane.ground_share(mesh) if plane else 0.0
     closed, underside = leave_open(mesh)
     proposed: dict[str, Any] = {}
-    views = read_views(args.cameras)[0] if args.underside == "closed" else []
-    if args.generated and args.underside == args.holes == "closed":
-        confirmed = read_confirmed_points(args.stereo, views) if args.stereo else np.zeros((0, 3))
-        closed, underside, proposed = close_by_generated(mesh, read_ply(args.generated), views, confirmed, floor, args.max_faces)
+    if generated and options.everything:
+        confirmed = read_confirmed_points(stereo, views) if stereo else np.zeros((0, 3))
+        closed, underside, proposed = close_by_generated(mesh, generated, views, confirmed, floor, options.max_faces)
         method = "generated"
-    elif args.underside == "closed" and plane:
+    elif options.underside == "closed" and plane:
         closed, underside = close_underside(mesh, plane.normal, plane.offset)
         method = "flat" if underside.faces else "none"
         if underside.faces:
-            closed = lift_underside(closed, len(mesh.vertices), underside.first_face, plane.normal, views)
-    if method != "generated" and args.underside == args.holes == "closed" and (not underside.watertight or ground_share > GROUND_SHARE):
+            closed = lift_underside(closed, len(mesh.vertices), underside.first_face, plane.normal, list(views))
+    if method != "generated" and options.everything and (not underside.watertight or ground_share > GROUND_SHARE):
         filled = None if ground_share > GROUND_SHARE else fill_small_holes(closed, underside, views)
-        closed, underside = filled or close_in_space(mesh, views, floor, args.max_faces)
+        closed, underside = filled or close_in_space(mesh, views, floor, options.max_faces)
         method = "holes" if filled else "volume"
     hollow = None
-    if args.hollows == "opened" and args.underside == args.holes == "closed" and method != "generated" and floor and underside.watertight:
-        closed, underside, hollow = open_plain_hollow(closed, underside, views, args.stereo, floor.normal)
-    write_ply(args.out, closed)
-    facts = {
-        "underside": underside.as_record(),
-        "closing": {"method": method, "ground_share": round(ground_share, 5), "watertight": underside.watertight, **proposed},
-        "hollow": hollow,
-        "parameters": {
-            "underside": args.underside,
-            "holes": args.holes,
-            "hollows": args.hollows,
-            "unseen": "generated" if args.generated else "smooth",
-        },
-    }
-    write_json(args.out.with_suffix(".json"), facts | {"seconds": round(time.monotonic() - start_s, 2)})
+    if options.hollows == "opened" and options.everything and method != "generated" and floor and underside.watertight:
+        closed, underside, hollow = open_plain_hollow(closed, underside, views, stereo, floor.normal)
     if hollow:
         unit, per_unit = ("mm", 1000 * height["metres_per_unit"]) if height["metres_per_unit"] else ("of the registration", 1.0)
         wall, bottom = (f"{hollow[name] * per_unit:.2g}" for name in ("wall", "floor"))
         print(f"close: hollow opened: wall {wall}, floor {bottom} {unit}", file=sys.stderr)
     print(f"close: {method}, {underside.faces} unseen faces added, watertight: {underside.watertight}", file=sys.stderr)
+    return closed, {
+        "underside": underside.as_record(),
+        "closing": {"method": method, "ground_share": round(ground_share, 5), "watertight": underside.watertight, **proposed},
+        "hollow": hollow,
+        "parameters": {
+            "underside": options.underside,
+            "holes": options.holes,
+            "hollows": options.hollows,
+            "unseen": "generated" if generated else "smooth",
+        },
+    }
 
 
 def find_floor(mesh: Mesh, height: Mapping[str, Any]) -> "GroundPlane | None":

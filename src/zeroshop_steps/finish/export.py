@@ -1,9 +1,7 @@
 """Write the finished mesh: a PLY with its PNG in millimetres, a GLB in metres with y up, and a JSON that describes both."""
 
-import argparse
 import importlib.metadata
-import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,40 +9,15 @@ import trimesh
 from PIL import Image
 
 from zeroshop_steps import __version__
-from zeroshop_steps.geometry.images import read_image, write_image
+from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.transforms import transform_points
-from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
 
 PACKAGES = ("numpy", "torch", "pycolmap", "open3d", "trimesh", "pymeshlab", "xatlas", "opencv-python-headless", "numba")
 METRES_PER_MM = 0.001
 ROUGHNESS = 0.9  # of the GLB's material: nearly matt, since the texture already shows the light of the photos
 FRAME_TEXT = "origin at the bounding-box centre, z up from the support surface, x towards the first camera, right-handed"
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The method's command line."""
-    parser.add_argument("--mesh", type=Path, required=True, help="unwrapped mesh, registration frame")
-    parser.add_argument("--texture", type=Path, required=True, help="baked texture")
-    parser.add_argument("--frame", type=Path, required=True, help="frame.json")
-    parser.add_argument(
-        "--stages", type=Path, nargs="*", default=[], help="JSONs of earlier steps, whose seconds and parameters are copied"
-    )
-    parser.add_argument("--out", type=Path, required=True, help="mesh.ply; .png, .glb and .json are written beside it")
-
-
-def run(args: argparse.Namespace) -> None:
-    """Export one mesh."""
-    frame = read_json(args.frame)
-    mesh = read_ply(args.mesh)
-    if mesh.uv is None:
-        raise StepError(f"{args.mesh} has no texture_u and texture_v; unwrap it first")
-    product = move_to_object_frame(mesh, np.array(frame["object_from_registration"]), read_image(args.texture))
-    stages = {_stage_name(path): read_json(path) for path in [*args.stages, args.frame]}
-    write_product(args.out, product, make_metadata(product, frame, stages))
-    print(f"export: {args.out} {summarize_product(product, frame)}", file=sys.stderr)
 
 
 def move_to_object_frame(mesh: Mesh, object_from_registration: np.ndarray, texture: np.ndarray) -> Mesh:
@@ -125,8 +98,10 @@ def _seconds(content: dict) -> float | None:
     return seconds.get("total") if isinstance(seconds, dict) else seconds
 
 
-def _stage_name(path: Path) -> str:
-    return {"capture": "capture", "registration": "register", "training": "nvs"}.get(path.stem, path.stem)
+def read_stages(paths: Iterable[Path]) -> dict[str, dict]:
+    """The JSONs of earlier steps, by the names that mesh.json gives to them."""
+    names = {"registration": "register", "training": "nvs"}
+    return {names.get(path.stem, path.stem): read_json(path) for path in paths}
 
 
 def _version(package: str) -> str | None:

@@ -5,8 +5,6 @@ from the object to the first camera. The origin is the centre of the bounding bo
 unknown, they are units of the registration.
 """
 
-import argparse
-import time
 from pathlib import Path
 from typing import Any
 
@@ -14,38 +12,31 @@ import numpy as np
 
 from zeroshop_steps.geometry.images import IMAGE_SUFFIXES
 from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.runtime.errors import warn
-from zeroshop_steps.runtime.files import read_json, write_json
 
 FROM_HEIGHT = ("up_source", "scale_source", "scale", "height_m", "height_deviation_m", "height_measured_from", "height_in_registration")
 ROUNDS = 6  # x depends on the box's centre, and the box on x; each round moves both by a fraction of what the last one did
 STRAIGHT_DOWN = 0.1  # horizontal share of the view direction below which the first camera looks straight down (within 6 degrees)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The method's command line."""
-    parser.add_argument("--mesh", type=Path, required=True, help="mesh with its underside, registration frame")
-    parser.add_argument("--height", type=Path, required=True, help="height.json")
-    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
-    parser.add_argument("--capture", type=Path, required=True, help="capture folder; x should point to the camera of its first photo")
-    parser.add_argument("--out", type=Path, required=True, help="frame.json")
+def make_frame_record(mesh: Mesh, views: list[View], height: dict[str, Any], capture: Path) -> dict[str, Any]:
+    """The content of frame.json; warns of what it says against the frame.
 
-
-def run(args: argparse.Namespace) -> None:
-    """Write frame.json."""
-    start_s = time.monotonic()
-    mesh = read_ply(args.mesh)
-    views, _ = read_views(args.cameras)
-    frame = compute_object_frame(mesh, views, read_json(args.height))
-    first = find_first_photo(args.capture) or views[0].camera.name
+    Args:
+        mesh: closed, in the registration frame.
+        views: registered photos.
+        height: content of height.json.
+        capture: folder of the capture; x should point to the camera of its first photo.
+    """
+    frame = compute_object_frame(mesh, views, height)
+    first = find_first_photo(capture) or views[0].camera.name
     frame["first_photo"] = Path(first).stem
     if Path(first).stem != Path(views[0].camera.name).stem:
         frame["warnings"].append(f"the first photo {first} has no camera; x points to {views[0].camera.name} instead")
     for warning in frame["warnings"]:
         warn(warning)
-    write_json(args.out, frame | {"seconds": round(time.monotonic() - start_s, 2)})
+    return frame
 
 
 def compute_object_frame(mesh: Mesh, views: list[View], height: dict[str, Any]) -> dict[str, Any]:

@@ -1,50 +1,25 @@
 """Draw a preview: input photos, and below them the textured mesh and its bare shape from the same cameras; without cameras, from around."""
 
-import argparse
-from pathlib import Path
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import View, read_views, space_evenly
-from zeroshop_steps.geometry.transforms import crop_to_mask, transform_camera
+from zeroshop_steps.geometry.registered_views import View, space_evenly
+from zeroshop_steps.geometry.transforms import crop_to_mask
 from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
-from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import read_json
 
 TILE_PX = 320
+COLUMNS = 6  # photos, or sides
 WHITE = (255, 255, 255)
 SAMPLES = 3  # rays along each side of a pixel
 AROUND_DIAGONALS, AROUND_ELEVATION_DEG = 3.0, 25.0  # from where a mesh without cameras is seen
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The method's command line."""
-    parser.add_argument("--mesh", type=Path, required=True, help="finished mesh.ply with its JSON beside it")
-    parser.add_argument("--cameras", type=Path, help="registered cameras with images and masks; none for a mesh made without")
-    parser.add_argument("--count", type=int, default=6, help="number of photos, or of sides (default: %(default)s)")
-    parser.add_argument("--out", type=Path, required=True, help="PNG to write")
-
-
-def run(args: argparse.Namespace) -> None:
-    """Write the preview of one mesh."""
-    if args.count < 1:
-        raise StepError(f"--count is {args.count}; at least one photo is needed")
-    mesh = read_ply(args.mesh)
-    if args.cameras is None:
-        write_image(args.out, draw_around(mesh, args.count))
-        return
-    views, _ = read_views(args.cameras)
-    object_from_registration = np.array(read_json(args.mesh.with_suffix(".json"))["frame_facts"]["object_from_registration"])
-    write_image(args.out, draw_preview(MeshRenderer(mesh), views, object_from_registration, args.count))
-
-
-def draw_around(mesh: Mesh, count: int) -> np.ndarray:
+def draw_around(mesh: Mesh, count: int = COLUMNS) -> np.ndarray:
     """Two rows of tiles (textured mesh, bare shape) from `count` sides, z up."""
     low, high = mesh.vertices.min(0), mesh.vertices.max(0)
     middle, diagonal = (low + high) / 2, float(np.linalg.norm(high - low))
@@ -59,12 +34,19 @@ def draw_around(mesh: Mesh, count: int) -> np.ndarray:
     return np.concatenate(columns, 1)
 
 
-def draw_preview(renderer: MeshRenderer, views: list[View], object_from_registration: np.ndarray, count: int) -> np.ndarray:
-    """Three rows of tiles (photo, textured mesh, bare shape) with one column for each photo, cropped to the object."""
+def draw_preview(mesh: Mesh, views: Sequence[View], count: int = COLUMNS) -> np.ndarray:
+    """Three rows of tiles (photo, textured mesh, bare shape) with one column for each of `count` photos, cropped to the object.
+
+    Args:
+        mesh: textured.
+        views: registered photos with masks, cameras in the frame of the mesh.
+        count: how many of them are shown.
+    """
+    renderer = MeshRenderer(mesh)
     chosen = [views[number] for number in space_evenly(len(views), count)]
     columns = []
     for view in chosen:
-        camera, left, top = crop_to_mask(transform_camera(view.camera, object_from_registration), view.mask())
+        camera, left, top = crop_to_mask(view.camera, view.mask())
         photo = np.full((camera.height_px, camera.width_px, 3), 255, np.uint8)
         image = view.image()
         x0, y0 = max(left, 0), max(top, 0)

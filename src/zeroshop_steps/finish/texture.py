@@ -1,4 +1,4 @@
-"""Bake the texture from the undistorted photos.
+"""Unwrap the closed mesh, bake its texture from the undistorted photos, and write the finished mesh in the object frame.
 
 The detail at a spot comes from the photo that sees it best (view angle, resolution, distance to occlusion edges), with short
 soft transitions, so print stays sharp. A photo that shows a highlight there, brighter than the other photos do, has less say. The
@@ -18,9 +18,9 @@ from scipy.sparse import csr_matrix
 
 from zeroshop_steps.finish import exposure
 from zeroshop_steps.finish.atlas import Texels, fill_gutters, rasterize_atlas
+from zeroshop_steps.finish.export import make_metadata, move_to_object_frame, read_stages, summarize_product, write_product
 from zeroshop_steps.finish.texel_colors import VotingView, make_texel_colors
-from zeroshop_steps.finish.unwrap import check_texture_size
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.finish.unwrap import check_texture_size, measure_atlas_use, unwrap_mesh
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.ply_surface import read_ply
@@ -28,7 +28,7 @@ from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, fill_harmonically, smooth, smooth_normals, weld
 from zeroshop_steps.geometry.visibility import VISIBLE_SHARE, ViewMaps, compute_view_maps, rate_vertex_views, sample_image
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import write_json
+from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.kernel_devices import DEVICES, choose_kernel_device
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
@@ -50,31 +50,40 @@ FILL_WEIGHT = 1e-4  # of the broad colour: decides only where no photo does
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
-    parser.add_argument("--mesh", type=Path, required=True, help="unwrapped mesh, registration frame")
+    parser.add_argument("--mesh", type=Path, required=True, help="closed mesh, registration frame")
+    parser.add_argument("--frame", type=Path, required=True, help="frame.json")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with undistorted images and masks")
     parser.add_argument("--generated", type=Path, nargs="?", help="generated mesh with colours, registration frame, if there is one")
+    parser.add_argument(
+        "--stages", type=Path, nargs="*", default=[], help="JSONs of earlier steps, whose seconds and parameters are copied"
+    )
     parser.add_argument("--texture-size", type=int, default=2048, help="side of the square texture in texels (default: %(default)s)")
     parser.add_argument(
         "--device", choices=DEVICES, default="cpu", help="where the mesh is rasterized and texels get their colours (default: %(default)s)"
     )
-    parser.add_argument("--out", type=Path, required=True, help="texture PNG; its figures are written beside it as .json")
+    parser.add_argument("--out", type=Path, required=True, help="mesh.ply; .png, .glb and .json are written beside it")
 
 
 def run(args: argparse.Namespace) -> None:
-    """Bake one texture."""
+    """Write one finished mesh."""
     check_texture_size(args.texture_size)
     device = choose_kernel_device(args.device)
+    frame, stages = read_json(args.frame), read_stages([*args.stages, args.frame])
+    parameters = {"texture_size": args.texture_size}
     start_s = time.monotonic()
-    mesh = read_ply(args.mesh)
-    if mesh.uv is None:
-        raise StepError(f"{args.mesh} has no texture_u and texture_v; unwrap it first")
+    mesh, charts = unwrap_mesh(read_ply(args.mesh), args.texture_size)
+    atlas_use = round(measure_atlas_use(mesh), 4)
+    unwrapped_s = time.monotonic()
+    stages["unwrapped"] = {"parameters": parameters, "seconds": round(unwrapped_s - start_s, 2)}
     views, _ = read_views(args.cameras)
     generated = read_colored(args.generated) if args.generated else None
     texture, figures = bake_texture(mesh, views, args.texture_size, generated, device)
-    write_image(args.out, texture)
-    figures |= {"parameters": {"texture_size": args.texture_size}, "device": device, "seconds": round(time.monotonic() - start_s, 2)}
-    write_json(args.out.with_suffix(".json"), figures)
-    print(f"texture: {figures['seen_share']:.1%} of the surface seen, {figures['seconds']} s", file=sys.stderr)
+    stages["texture"] = {"parameters": parameters, "seconds": round(time.monotonic() - unwrapped_s, 2)}
+    product = move_to_object_frame(mesh, np.array(frame["object_from_registration"]), texture)
+    facts = make_metadata(product, frame, stages) | {"charts": charts, "atlas_use": atlas_use, "texture": figures | {"device": device}}
+    write_product(args.out, product, facts)
+    print(f"texture: {charts} charts, {atlas_use:.0%} used, {figures['seen_share']:.1%} of the surface seen", file=sys.stderr)
+    print(f"texture: {args.out} {summarize_product(product, frame)}", file=sys.stderr)
 
 
 def read_colored(path: Path) -> Mesh:

@@ -1,20 +1,12 @@
 """Unwrap the surface into a texture atlas: cut it into charts and pack them with xatlas. Vertices are split along the seams."""
 
-import argparse
-import sys
-import time
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import xatlas
 
 from zeroshop_steps.finish.charts import cut_into_charts
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.surface_fields import weld
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import write_json
 
 PADDING_TEXELS = 6  # between charts: texture filtering, also in coarser mip levels, must not reach a neighbouring chart
 TEXTURE_SIZES = (64, 8192)  # texels; smaller ones show no print, larger ones few viewers load
@@ -22,28 +14,6 @@ ATLAS_FILL = 0.6  # share of the square that charts are expected to cover, for t
 PACK_ROUNDS = 3  # the density is corrected until the atlas's size is within PACKED_SIZE of the asked one
 PACKED_SIZE, SAFETY = (0.97, 1.1), 0.98
 STRETCHED, STRETCH_SLACK = 1.2, 1e-3  # an edge this much longer in the atlas than its chart's scale says was not moved with its chart
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The method's command line."""
-    parser.add_argument("--mesh", type=Path, required=True, help="mesh with its underside, registration frame")
-    parser.add_argument("--texture-size", type=int, default=2048, help="side of the square texture in texels (default: %(default)s)")
-    parser.add_argument(
-        "--out", type=Path, required=True, help="mesh with texture_u and texture_v; a .json with its figures goes beside it"
-    )
-
-
-def run(args: argparse.Namespace) -> None:
-    """Unwrap one mesh."""
-    check_texture_size(args.texture_size)
-    start_s = time.monotonic()
-    mesh, charts = unwrap_mesh(read_ply(args.mesh), args.texture_size)
-    write_ply(args.out, mesh)
-    use = round(measure_atlas_use(mesh), 4)
-    figures: dict[str, Any] = {"charts": charts, "vertices": len(mesh.vertices), "atlas_use": use}
-    figures |= {"parameters": {"texture_size": args.texture_size}, "seconds": round(time.monotonic() - start_s, 2)}
-    write_json(args.out.with_suffix(".json"), figures)
-    print(f"unwrap: {charts} charts, {use:.0%} of the texture used, {figures['seconds']} s", file=sys.stderr)
 
 
 def check_texture_size(texture_size: int) -> None:
@@ -72,7 +42,8 @@ def unwrap_mesh(mesh: Mesh, texture_size: int) -> tuple[Mesh, int]:
     longest = max(atlas.width, atlas.height)  # xatlas scales each axis to [0, 1]; this keeps texels square
     packed_uv = packed_uv.astype(float) * np.array([atlas.width, atlas.height]) / longest
     faces, place, packed_uv = _collapse_stretched(packed_faces.astype(np.int64), place[source], packed_uv, flat)
-    return Mesh(mesh.vertices[place], faces, mesh.vertex_normals[place], packed_uv), int(chart.max()) + 1
+    uv = packed_uv.astype(np.float32).astype(float)  # as files hold them: the texture is baked for the very places
+    return Mesh(mesh.vertices[place], faces, mesh.vertex_normals[place], uv), int(chart.max()) + 1
 
 
 def _collapse_stretched(

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.finish.clean import MIN_FACES, clean_mesh
+from zeroshop_steps.finish.clean import add_options, check_options, clean_mesh
 from zeroshop_steps.finish.export import make_metadata, move_to_object_frame, summarize_product, write_product
 from zeroshop_steps.finish.texture import bake_colors, read_colored
 from zeroshop_steps.finish.underside import STATES, Underside, find_open_borders
@@ -31,10 +31,7 @@ MM_PER_M = 1000.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="coloured raw mesh, generated without cameras, with its JSON beside it")
-    parser.add_argument("--max-faces", type=int, default=45000, help="the mesh is simplified to so many (default: %(default)s)")
-    parser.add_argument("--min-part", type=float, default=0.05, help="smallest part that is kept, as a share of the largest")
-    parser.add_argument("--smooth", type=int, default=30, help="steps of Taubin smoothing; 0 for none (default: %(default)s)")
-    parser.add_argument("--max-hole-edges", type=int, default=30, help="holes with at most so many edges are closed (default: %(default)s)")
+    add_options(parser)
     parser.add_argument("--holes", choices=STATES, default="closed", help="close all other holes, too (default: %(default)s)")
     parser.add_argument("--texture-size", type=int, default=2048, help="side of the square texture in texels (default: %(default)s)")
     parser.add_argument("--stages", type=Path, nargs="*", default=[], help="JSONs of earlier steps, whose seconds are copied")
@@ -44,8 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Finish one generated mesh."""
     check_texture_size(args.texture_size)
-    if args.max_faces < MIN_FACES:
-        raise StepError(f"--max-faces is {args.max_faces}; at least {MIN_FACES} are needed for a surface")
+    check_options(args)
     start_s = time.monotonic()
     record = read_generated_record(args.mesh.with_suffix(".json"))
     raw = read_colored(args.mesh)
@@ -79,8 +75,8 @@ def read_generated_record(path: Path) -> dict[str, Any]:
     record: dict[str, Any] = read_json(path)
     if not record.get("generated") or "height_m" not in record:
         raise StepError(
-            f"{path} is not of a mesh that was generated without cameras (generated, height_m); finish a mesh with cameras by clean and"
-            " the steps after it, or make one without by trellis with --capture"
+            f"{path} is not of a mesh that was generated without cameras (generated, height_m); finish a mesh with cameras by shape and"
+            " texture, or make one without by trellis with --capture"
         )
     return record
 

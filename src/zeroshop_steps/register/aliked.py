@@ -15,7 +15,6 @@ from typing import Any, Protocol
 
 import numpy as np
 import pycolmap
-import torch
 
 from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.networks.aliked import (
@@ -28,7 +27,6 @@ from zeroshop_steps.networks.aliked import (
     load_extractor,
     load_matcher,
 )
-from zeroshop_steps.networks.devices import DEVICES, choose_device
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.register.features.sift import RIM_SHARE
 from zeroshop_steps.register.matching.network_matches import PairMatches, write_matches
@@ -43,6 +41,7 @@ from zeroshop_steps.register.verification.pair_appearance import delete_inconsis
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import scratch_directory
+from zeroshop_steps.runtime.kernel_devices import DEVICES
 from zeroshop_steps.runtime.progress import track
 
 CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads", "device"))
@@ -127,6 +126,10 @@ def make_matcher(args: argparse.Namespace, options: AlikedOptions) -> Prepare:
     Raises:
         StepError: the weights are not there or wrong, or there is no such device.
     """
+    import torch
+
+    from zeroshop_steps.networks.devices import choose_device
+
     device = torch.device(choose_device(args.device))
     extractor, matcher = find_weights(args.weights)
 
@@ -153,6 +156,8 @@ def register(image_set: ImageSet, out: Path, options: AlikedOptions, prepare: Ca
         RegistrationFailed: nothing matches, too few images, or an inconsistent model.
         StepError: there are no masks, or the networks cannot run.
     """
+    import torch
+
     if image_set.masks is None:
         raise StepError(
             f"{image_set.images[0].parent.parent} has no masks, and whole photos of plain tables gave wrong cameras by learned"

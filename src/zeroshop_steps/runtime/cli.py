@@ -22,7 +22,10 @@ from zeroshop_steps.runtime.errors import StepError, explain_machine_fault
 from zeroshop_steps.runtime.kernel_cache import provide_kernel_cache
 from zeroshop_steps.runtime.memory import keep_freed_memory
 
-RECORD_FAILURE = "outputs (a folder's name ends in a slash) in place of which a failure is recorded; the status is 0 then"
+RECORD_FAILURE = (
+    "outputs (a folder's name ends in a slash) in place of which a failure is recorded, but for those that were written before it;"
+    " the status is 0 then"
+)
 RECORD_REFUSALS = "record that memory does not suffice for a network, too, as a failure"
 READS = re.compile(r"^READS_FAILURES = True$", re.MULTILINE)
 RUN = re.compile(r"^def run\(args\b", re.MULTILINE)
@@ -69,6 +72,7 @@ def stage_main(package: str, argv: Sequence[str] | None = None) -> int:
     )
     module.add_arguments(parser)
     args = parser.parse_args(rest)
+    before = {output: _find_stamp(output) for output in known.record_failure}
     try:
         run_cached(step, module, args)
     except KeyboardInterrupt:
@@ -77,10 +81,32 @@ def stage_main(package: str, argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if not isinstance(error, StepError) and not explain_machine_fault(error):
             traceback.print_exc()
-        failure = failures.Failure(step, failures.reason_of(error))
+        failure = failures.Failure(failures.name_part(error, step), failures.reason_of(error))
         details = error.write_details if isinstance(error, StepError) else None
-        return _give_up(failure, known.record_failure if failures.is_result(error, known.record_refusals) else [], details)
+        missing = [output for output, stamp in before.items() if _find_stamp(output) == stamp]
+        return _give_up(failure, missing if failures.is_result(error, known.record_refusals) else [], details)
     return 0
+
+
+def run_method(package: str, method: str, words: Sequence[str]) -> None:
+    """Run a method of another stage as a part of a step, by the words of its command line.
+
+    Raises:
+        StepError: as the method does.
+    """
+    module = importlib.import_module(f"{package}.{method}")
+    parser = argparse.ArgumentParser(prog=f"python -m {package} --method {method}")
+    module.add_arguments(parser)
+    module.run(parser.parse_args(words))
+
+
+def _find_stamp(output: str) -> tuple[int, int] | None:
+    """What changes where an output is written anew; None without one."""
+    try:
+        found = Path(output).stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns
 
 
 def _reads_failures(method: str) -> bool:

@@ -2,16 +2,17 @@
 
 The rules of a cell pass `--record-failure OUTPUT ...`; the name of a folder ends in a slash. The record is one line of JSON with
 the step, its reason and the place of the record: the file itself, or failure.json in a folder. A later step that is given one
-passes it on, down to the cell's outcome.json. A step without the option, such as the one that writes the finished mesh, ends with
+passes it on, down to the cell's figures. A step without the option, such as the one that puts the mesh at its final path, ends with
 the reason and a status of its own instead, so that no product is ever a record.
 
 What the machine did wrong is not recorded, since it says nothing about the cell: a full disk, no memory, a killed process. With
 `--record-refusals`, a network for which memory does not suffice is recorded: where a table is to hold what this machine can do.
 """
 
+import contextlib
 import json
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -66,6 +67,21 @@ def write_failure(outputs: Sequence[str | Path], failure: Failure, write_details
             with atomic_write(Path(output)) as temporary:
                 temporary.write_text(content)
     return failure
+
+
+@contextlib.contextmanager
+def part_of_step(name: str) -> Iterator[None]:
+    """Name the part of a step in which something fails, such as "evaluate.quality": the record then has this name, not the step's."""
+    try:
+        yield
+    except Exception as error:
+        vars(error).setdefault("part", name)
+        raise
+
+
+def name_part(error: BaseException, step: str) -> str:
+    """The part of a step that an error comes from; the step itself where it has no parts."""
+    return str(vars(error).get("part", step))
 
 
 def read_failure(path: Path) -> Failure | None:

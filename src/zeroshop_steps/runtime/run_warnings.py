@@ -5,15 +5,17 @@ Nobody opens the log of a step that succeeded, and one whose failure is recorded
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from zeroshop_steps.runtime.errors import WARNING
-from zeroshop_steps.runtime.failures import RECORDED
+from zeroshop_steps.runtime.errors import WARNING, StepError
+from zeroshop_steps.runtime.failures import RECORDED, how_to_try_again, read_failure
 
 SHOWN = 30  # lines at the end of a run; all are in the logs
 PICTURES = {"images", "masks", "depth", "truth"}
 """Folders with many files and no logs."""
+FINISHED = "mesh"
+"""The finished mesh of a cell and the files beside it: mesh.ply, .png, .glb and .json."""
 
 
 def warnings_since(folder: Path, start_s: float) -> list[str]:
@@ -34,6 +36,14 @@ def repeat_warnings(folder: Path, start_s: float) -> None:
     _print_list("Failures that are recorded in place of results", failures, folder)
     if failures:
         print("  To try one again, delete the file or folder in front of it, or name it after --forcerun.", file=sys.stderr)
+
+
+def require_finished(targets: Iterable[str]) -> None:
+    """Raise StepError where a finished mesh that was asked for is the record of a failure; other files may be records."""
+    for target in sorted(targets):
+        failure = read_failure(Path(target)) if Path(target).stem == FINISHED else None
+        if failure:
+            raise StepError(f"{target} could not be made: {failure}. {how_to_try_again(failure.place)}")
 
 
 def _lines_since(folder: Path, start_s: float) -> Iterator[tuple[Path, str]]:

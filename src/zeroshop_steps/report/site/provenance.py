@@ -11,8 +11,8 @@ from zeroshop_steps.report.site.results_index import Cell, Run, find_table, read
 # Curves that a page shows of a training, in this order, as far as the method has them.
 CURVES = ("loss", "l1", "mask", "depth", "normal")
 ORDER = (
-    *("capture", "segment", "register", "camera_error", "stereo", "train", "fuse", "mesh", "clean", "height", "close", "frame"),
-    *("unwrap", "texture", "export", "outcome", "preview", "quality", "grade", "cell"),
+    *("capture", "segment", "register", "camera_error", "stereo", "train", "fuse", "mesh", "shape", "texture", "outcome", "evaluate"),
+    "cell",
 )
 """The steps of a cell in their order."""
 

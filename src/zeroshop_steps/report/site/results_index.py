@@ -30,10 +30,8 @@ STEPS = (
     ("stereo", ("../stereo/stereo.json",)),
     ("train", TRAINED),
     ("raw mesh", ("raw_mesh.ply",)),
-    ("clean", ("clean.ply",)),
-    ("unwrap", ("unwrapped.ply",)),
-    ("texture", ("texture.png",)),
-    ("export", ("mesh.ply",)),
+    ("shape", ("closed.ply",)),
+    ("texture", ("mesh.ply",)),
     ("grade", ("grade.json",)),
 )
 
@@ -128,7 +126,7 @@ def find_runs(folder: Path) -> list[Run]:
 def read_cell(folder: Path) -> Cell:
     """Read what exists of a cell."""
     failure = _find_failure(folder) or read_failure(folder.parent / "cameras")
-    names = ("mesh", "quality", "grade", "frame", "clean", "unwrapped", "texture", "raw_mesh", "height", "closed")
+    names = ("mesh", "quality", "grade", "frame", "clean", "raw_mesh", "height", "closed")
     facts = {name: read_facts(folder / f"{name}.json") for name in names}
     facts["training"] = next((found for name in TRAINED if (found := read_facts(folder / name))), {})
     grade = facts["grade"].get("grade")
