@@ -31,6 +31,7 @@ class Capture:
     height_method: str = ""
     marker_images: str = ""
     depth: str = ""
+    cameras: str = ""
 
 
 COLUMNS = ["dataset", *(field.name for field in fields(Capture))]

@@ -158,7 +158,9 @@ def read_given_cameras(path: Path) -> GivenCameras:
         images[name] = GivenCamera(_read_lens(entry["lens"], where), pose)
     warnings = ()
     if unknown:
-        warnings = (f"{path}: the poses of {len(unknown)} of {len(images)} images hold no numbers, and count as unknown: {unknown[0]}, ...",)
+        warnings = (
+            f"{path}: the poses of {len(unknown)} of {len(images)} images hold no numbers, and count as unknown: {unknown[0]}, ...",
+        )
         if len(unknown) >= MOST_UNKNOWN * len(images):
             raise StepError(
                 f"{path}: {len(unknown)} of {len(images)} poses hold NaN or no numbers, such as that of {unknown[0]}; what wrote them lost"

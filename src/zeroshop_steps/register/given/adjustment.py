@@ -63,15 +63,17 @@ class Shifts:
             far = [shown[name] for name, sigmas in zip(self.names, values, strict=True) if sigmas > MOST_SIGMAS]
             if whole > MOST_SIGMAS:
                 found.append(
-                    f"the pictures move the given {what} by {whole:.1f} times the stated deviation: they are noisier than stated; the pictures"
-                    " were believed"
+                    f"the pictures move the given {what} by {whole:.1f} times the stated deviation: they are noisier than stated, and"
+                    " the pictures were believed"
                 )
             elif far:
                 found.append(f"the pictures move the given {what} of {len(far)} images by more than 3 stated deviations: {', '.join(far)}")
         return found
 
 
-def triangulate(database: Path, image_set: ImageSet, poses: Mapping[str, pycolmap.Rigid3d], seed: int, rough: bool) -> pycolmap.Reconstruction:
+def triangulate(
+    database: Path, image_set: ImageSet, poses: Mapping[str, pycolmap.Rigid3d], seed: int, rough: bool
+) -> pycolmap.Reconstruction:
     """Sparse points from the matches of a database, cameras held fixed; `rough` where they may be off by some pixels.
 
     Args:
@@ -83,7 +85,8 @@ def triangulate(database: Path, image_set: ImageSet, poses: Mapping[str, pycolma
     def loosen(options: pycolmap.IncrementalPipelineOptions) -> None:
         options.mapper.filter_max_reproj_error = error_px
         options.triangulation.merge_max_reproj_error = options.triangulation.complete_max_reproj_error = error_px
-        if rough:
+        if rough:  # once is enough: the points are found anew for the adjusted cameras
+            options.ba_global_max_refinements = 1
             options.triangulation.create_max_angle_error = options.triangulation.continue_max_angle_error = ROUGH_ANGLE_DEG
 
     return triangulate_points(database, image_set, {Path(name).stem: pose for name, pose in poses.items()}, seed, loosen)
@@ -139,7 +142,9 @@ def adjust(model: pycolmap.Reconstruction, given: GivenCameras, scale_px: float 
 
 def align(model: pycolmap.Reconstruction, given: GivenCameras) -> None:
     """Lay a model onto the given cameras by a similarity, in place."""
-    pairs = [(_find_centre(to_matrix(pose)), _find_centre(given.poses[name])) for name, pose in take_poses(model).items() if name in given.poses]
+    pairs = [
+        (_find_centre(to_matrix(pose)), _find_centre(given.poses[name])) for name, pose in take_poses(model).items() if name in given.poses
+    ]
     if len(pairs) < LEAST_TO_ALIGN:
         return
     similarity = fit_similarity(*(np.array(side) for side in zip(*pairs, strict=True)))

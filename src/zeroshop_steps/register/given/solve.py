@@ -83,7 +83,12 @@ def register(image_set: ImageSet, given: GivenCameras, out: Path, options: Colma
         graph = match_images(scene.database, image_set, options, stopwatch, {Path(name).stem: lens for name, lens in lenses.items()})
         record = record.judge(graph.evidence())
         support, fault = find_fault(poses, read_pairs(scene.database, lenses), names)
-        facts = {"source": given.source, "metric": given.metric, "known": len(poses), "support": None if support is None else round(support, 3)}
+        facts = {
+            "source": given.source,
+            "metric": given.metric,
+            "known": len(poses),
+            "support": None if support is None else round(support, 3),
+        }
         record = record.add(given=facts)
         if fault:
             raise record.fail(f"the given cameras ({given.source}) are refused: {fault}", kind=Inconsistent)
@@ -109,7 +114,8 @@ def _check_distance(record: Record, given: GivenCameras, poses: dict[str, np.nda
     if not given.metric:
         return
     cameras = [
-        Camera(name, lenses[name].width, lenses[name].height, np.array(lenses[name].calibration_matrix()), pose) for name, pose in poses.items()
+        Camera(name, lenses[name].width, lenses[name].height, np.array(lenses[name].calibration_matrix()), pose)
+        for name, pose in poses.items()
     ]
     try:
         focus = find_focus(cameras)
@@ -117,9 +123,12 @@ def _check_distance(record: Record, given: GivenCameras, poses: dict[str, np.nda
         return
     distance_m = float(np.median([np.linalg.norm(camera.centre_in_world - focus) for camera in cameras]))
     if not DISTANCE_M[0] <= distance_m <= DISTANCE_M[1]:
-        hint = "they seem to be in millimetres: divide their translations by 1000" if distance_m > DISTANCE_M[1] else "another unit is meant"
+        hint = (
+            "they seem to be in millimetres: divide their translations by 1000" if distance_m > DISTANCE_M[1] else "another unit is meant"
+        )
         raise record.fail(
-            f"the given cameras ({given.source}) are refused: they stand {distance_m:.4g} m from what they look at; {hint}", kind=Inconsistent
+            f"the given cameras ({given.source}) are refused: they stand {distance_m:.4g} m from what they look at; {hint}",
+            kind=Inconsistent,
         )
 
 
