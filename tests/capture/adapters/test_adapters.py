@@ -154,7 +154,7 @@ def test_real_cameras_of_a_colmap_project_are_read(shared_data, tmp_path):
     """DTU's scan 65, calibrated in millimetres."""
     import_capture(shared_data / "dtu_scan65", tmp_path / "ours", ImportOptions("mm"))
     given = read_given_cameras(tmp_path / "ours/cameras.json")
-    model = read_reconstruction(shared_data / "dtu_scan65/sparse")
+    model = read_reconstruction(shared_data / "dtu_scan65/sparse/0")
     for image in model.images.values():
         assert np.allclose(given.poses[Path(image.name).stem + ".jpg"][:3, 3], image.cam_from_world().translation / 1000, atol=1e-9)
     assert len(given.poses) == 25 and len(list((tmp_path / "ours/masks").iterdir())) == 25
@@ -196,8 +196,8 @@ def test_a_bad_transforms_json_is_refused_in_words(change, said, tmp_path):
 
 def test_a_link_that_leads_out_of_the_folder_is_not_followed(tmp_path):
     write_nerfstudio(tmp_path / "000005")
-    shutil.move(tmp_path / "theirs/images", tmp_path / "elsewhere")
-    (tmp_path / "theirs/images").symlink_to(tmp_path / "elsewhere")
+    shutil.move(tmp_path / "000005/images", tmp_path / "elsewhere")
+    (tmp_path / "000005/images").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(StepError, match="not followed"):
         import_capture(tmp_path / "000005", tmp_path / "ours", ImportOptions())
 
@@ -211,7 +211,7 @@ def test_a_link_that_leads_out_of_the_folder_is_not_followed(tmp_path):
 )
 def test_depth_that_is_no_depth_is_refused(change, said, tmp_path):
     write_bop(tmp_path / "000005")
-    change(tmp_path / "theirs/depth/000003.png")
+    change(tmp_path / "000005/depth/000003.png")
     with pytest.raises(StepError, match=said):
         import_capture(tmp_path / "000005", tmp_path / "ours", ImportOptions(object_id=5))
 
@@ -228,10 +228,10 @@ def test_lines_of_middlebury_with_missing_numbers_or_images_are_named(tmp_path):
 
 def test_a_model_that_colmap_distorted_keeps_its_lens(tmp_path):
     write_colmap(tmp_path / "000005")
-    model = read_reconstruction(tmp_path / "theirs/sparse/0")
+    model = read_reconstruction(tmp_path / "000005/sparse/0")
     for camera in model.cameras.values():
         camera.model, camera.params = pycolmap.CameraModelId.SIMPLE_RADIAL, [300.0, 80.0, 60.0, -0.1]
-    model.write_binary(str(tmp_path / "theirs/sparse/0"))
+    model.write_binary(str(tmp_path / "000005/sparse/0"))
     import_capture(tmp_path / "000005", tmp_path / "ours", ImportOptions())
     given = read_given_cameras(tmp_path / "ours/cameras.json")
     assert given.images[NAMES[0]].lens == Lens("SIMPLE_RADIAL", 160, 120, (300.0, 80.0, 60.0, -0.1)) and not given.metric
@@ -239,7 +239,7 @@ def test_a_model_that_colmap_distorted_keeps_its_lens(tmp_path):
 
 def test_what_is_nothing_known_is_refused_with_the_list(tmp_path):
     (tmp_path / "000005").mkdir()
-    (tmp_path / "theirs/notes.txt").write_text("nothing")
+    (tmp_path / "000005/notes.txt").write_text("nothing")
     for ask in (
         lambda: import_capture(tmp_path / "000005", tmp_path / "ours", ImportOptions()),
         lambda: find_source(tmp_path / "000005", tmp_path, "x"),
