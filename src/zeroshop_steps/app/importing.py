@@ -51,7 +51,7 @@ def import_capture(path: Path, out: Path, options: ImportOptions, *deviations: f
     Raises:
         StepError: no adapter knows it, or it cannot be read.
     """
-    adapter = recognize(path)
+    adapter = recognize(path, options.board)
     if adapter is None:
         raise StepError(f"{path} is nothing that can be imported. Known are: {list_known()}")
     if out.exists() and not (out.is_dir() and ((out / FILE).is_file() or not any(out.iterdir()))):

@@ -9,6 +9,7 @@ import importlib
 import pkgutil
 from pathlib import Path
 
+from zeroshop_steps.capture.adapters import board_photos
 from zeroshop_steps.capture.adapters.form import Adapter
 
 OTHERS = ("a folder of photos", "a film", "the common form: cameras.json beside images/ (docs/given-cameras.md)")
@@ -22,8 +23,10 @@ def find_adapters() -> tuple[Adapter, ...]:
     return tuple(sorted((module.ADAPTER for module in modules if hasattr(module, "ADAPTER")), key=lambda one: (one.rank, one.title)))
 
 
-def recognize(path: Path) -> Adapter | None:
-    """The adapter that knows what lies in a folder; None where none does."""
+def recognize(path: Path, board: str | None = None) -> Adapter | None:
+    """The adapter that knows what lies in a folder, or that of photos with a board; None where none does."""
+    if board is not None:
+        return board_photos.ADAPTER
     return next((adapter for adapter in find_adapters() if adapter.recognizes(path)), None) if path.is_dir() else None
 
 
