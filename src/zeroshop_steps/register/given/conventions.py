@@ -20,13 +20,14 @@ from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 from zeroshop_steps.register.verification.epipolar_support import find_explained
 
 TOLERANCES_PX = (4.0, 8.0, 16.0, 32.0)  # per 1000 px of the image's longer side
-MOST_MATCHES = 200  # of a pair: more tell nothing new about its poses
+MOST_MATCHES = 60  # of a pair: more tell nothing new about its poses
 LEAST_MATCHES = 200  # in all pairs, to tell anything
 MOST_DELAY = 5  # frames
 RIGHT, BETTER = 0.3, 0.1
 """Support from which on poses are taken as they are read, and by which another reading must exceed it. Two rings of ten rendered views:
 1.00 by true poses, 0.78 with noise of 1 mm and 0.3 degrees, 0.42 with 3 mm and 1 degree, at most 0.10 by wrong axes, inverses or a wrong
 order, 0.57 and 0.65 by poses two frames late and one early, since every other camera of a ring looks alike."""
+SURE = 0.9  # support from which on other readings are not tried
 SAME_ANGLE_DEG, LEAST_ANGLE_DEG = 3.0, 8.0  # turns between images that agree, in the median, and that tell anything
 TURNS = 30  # pairs whose turn is estimated, those with most matches
 
@@ -137,6 +138,8 @@ def find_fault(poses: Poses, pairs: Sequence[PairMatches], names: Sequence[str])
     if sum(len(pair.rays_first) for pair in known) < LEAST_MATCHES:
         return None, None
     support = measure_support(poses, known)
+    if support >= SURE:
+        return support, None
     found = [(measure_support(reading.read(poses), known), reading.claim) for reading in list_readings(names)]
     best, claim = max(found, key=lambda one: one[0])
     explains = f"the given poses explain {support:.0%} of the images' matches"
