@@ -144,7 +144,8 @@ def _fit(seen: dict[Path, tuple[np.ndarray, np.ndarray]], size_px: tuple[int, in
     flats = [flat.reshape(-1, count, 3)[:, order].reshape(-1, 3).astype(np.float32) for flat, _ in seen.values()]
     pixels = [one.astype(np.float32) for _, one in seen.values()]
     start = np.array([[max(size_px), 0, size_px[0] / 2], [0, max(size_px), size_px[1] / 2], [0, 0, 1.0]])
-    flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_K3
+    # Pixels are square, and lenses centred: free, both would follow the noise of few photos from one height.
+    flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_K3 | cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST
     error, intrinsics, distortion, turns, shifts, _, _, errors = cv2.calibrateCameraExtended(
         flats, pixels, size_px, start, None, flags=flags
     )
