@@ -27,7 +27,12 @@ def photos_of(
         row |= {"height_method": "", "marker_images": ""}  # nothing tells where photos of an empty plain table lie: unknown scale
     if film_passes(wildcards.dataset) > 1:
         row["images_2"] = f"{folder}_2/film.mp4"
-    return {**dict.fromkeys(("masks", "prompt", "depth", "cameras", *LATER_PASSES.values()), ""), "height_m": None, "picture_count": None, **row}
+    return {
+        **dict.fromkeys(("masks", "prompt", "depth", "cameras", *LATER_PASSES.values()), ""),
+        "height_m": None,
+        "picture_count": None,
+        **row,
+    }
 
 
 def later_passes(

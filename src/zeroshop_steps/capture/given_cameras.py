@@ -156,7 +156,7 @@ def read_given_cameras(path: Path) -> GivenCameras:
         if pose is None and entry.get("camera_from_world") is not None:
             unknown.append(name)
         images[name] = GivenCamera(_read_lens(entry["lens"], where), pose)
-    warnings = ()
+    warnings: tuple[str, ...] = ()
     if unknown:
         warnings = (
             f"{path}: the poses of {len(unknown)} of {len(images)} images hold no numbers, and count as unknown: {unknown[0]}, ...",
@@ -166,8 +166,15 @@ def read_given_cameras(path: Path) -> GivenCameras:
                 f"{path}: {len(unknown)} of {len(images)} poses hold NaN or no numbers, such as that of {unknown[0]}; what wrote them lost"
                 " track. Write null for poses that are not known, or let cameras be estimated, without this file"
             )
-    facts = [_read_number(content, key, path) for key in ("position_deviation_m", "rotation_deviation_deg", "depth_step_mm")]
-    return GivenCameras(images, str(content.get("source", "given")), bool(content.get("metric", True)), *facts, warnings)
+    return GivenCameras(
+        images,
+        str(content.get("source", "given")),
+        bool(content.get("metric", True)),
+        _read_number(content, "position_deviation_m", path),
+        _read_number(content, "rotation_deviation_deg", path),
+        _read_number(content, "depth_step_mm", path),
+        warnings,
+    )
 
 
 def check_pose(matrix: np.ndarray, where: str) -> np.ndarray:

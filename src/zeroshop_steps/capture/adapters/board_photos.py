@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 import yaml
 
-from zeroshop_steps.capture.adapters.form import Adapter, Frame, ImportedCapture, ImportOptions
+from zeroshop_steps.capture.adapters.form import Adapter, Frame, ImportedCapture, ImportOptions, read_size_px
 from zeroshop_steps.capture.given_cameras import Lens
 from zeroshop_steps.capture.photo_files import list_photos, open_picture
 from zeroshop_steps.geometry.board_files import find_dictionary, read_board
@@ -56,10 +56,9 @@ def read(folder: Path, options: ImportOptions) -> ImportedCapture:
     assert options.board is not None
     board = _read_layout(options.board)
     paths = list_photos(folder)[0]
-    seen, size_px = {}, None
+    size_px, seen = read_size_px(paths[0]), {}
     for path in track(paths, "looking for the board", len(paths)):
         with open_picture(path) as image:
-            size_px = size_px or image.size
             if image.size != size_px:
                 raise StepError(
                     f"{path} has {image.size[0]} x {image.size[1]} px, others {size_px[0]} x {size_px[1]} px; take all with one lens"
@@ -67,7 +66,6 @@ def read(folder: Path, options: ImportOptions) -> ImportedCapture:
             flat, pixels = _detect(board, np.asarray(image.convert("L")))
         if len(flat) >= LEAST_CORNERS:
             seen[path] = flat, pixels
-    assert size_px is not None
     if len(seen) < LEAST_PHOTOS:
         raise StepError(
             f"{len(seen)} of {len(paths)} photos in {folder} show {LEAST_CORNERS} corners of the board {options.board}, {LEAST_PHOTOS} are"
@@ -146,9 +144,8 @@ def _fit(seen: dict[Path, tuple[np.ndarray, np.ndarray]], size_px: tuple[int, in
     start = np.array([[max(size_px), 0, size_px[0] / 2], [0, max(size_px), size_px[1] / 2], [0, 0, 1.0]])
     # Pixels are square, and lenses centred: free, both would follow the noise of few photos from one height.
     flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_K3 | cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST
-    error, intrinsics, distortion, turns, shifts, _, _, errors = cv2.calibrateCameraExtended(
-        flats, pixels, size_px, start, None, flags=flags
-    )
+    found = cv2.calibrateCameraExtended(flats, pixels, size_px, start, np.zeros(5), flags=flags)
+    error, intrinsics, distortion, turns, shifts, _, _, errors = found
     poses = {}
     for path, turn, shift in zip(seen, turns, shifts, strict=True):
         pose = np.eye(4)

@@ -8,6 +8,7 @@ from poses of another recording (Tsai and Lenz 1989, eq. 10).
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -78,7 +79,7 @@ def list_readings(names: Sequence[str]) -> list[Reading]:
     for delay in sorted(range(-MOST_DELAY, MOST_DELAY + 1), key=abs)[1:]:
         how = f"{abs(delay)} frame{'s' if abs(delay) > 1 else ''} {'late' if delay > 0 else 'early'}"
         claim = f"they are {how}: each image shows what the pose {abs(delay)} {'after' if delay > 0 else 'before'} its own saw"
-        readings.append(Reading(f"{claim}; match the clocks of camera and poses", lambda poses, by=delay: _delay(poses, names, by)))
+        readings.append(Reading(f"{claim}; match the clocks of camera and poses", partial(_delay, names=names, by=delay)))
     return readings
 
 
