@@ -10,7 +10,10 @@ import pycolmap
 import pytest
 
 from helpers.given import given_cameras, small_ring
+from zeroshop_steps.app.command import main
 from zeroshop_steps.app.importing import find_source, import_capture
+from zeroshop_steps.app.reconstruction import Request
+from zeroshop_steps.app.workflow import read_chosen_cell
 from zeroshop_steps.capture.adapters import find_adapters, recognize
 from zeroshop_steps.capture.adapters.form import ImportOptions
 from zeroshop_steps.capture.given_cameras import GivenCameras, Lens, read_given_cameras
@@ -265,3 +268,23 @@ def test_nothing_else_is_written_over(tmp_path):
     for out in (tmp_path / "mine", tmp_path / "000005", tmp_path):
         with pytest.raises(StepError, match="holds"):
             import_capture(tmp_path / "000005", out, ImportOptions())
+
+
+def test_the_command_writes_the_common_form_and_a_mesh_is_asked_of_it(tmp_path, capsys):
+    """`zeroshop import`, and the row of the table that `zeroshop` makes of what it wrote."""
+    write_nerfstudio(tmp_path / "theirs")
+    words = ["import", tmp_path / "theirs", "--out", tmp_path / "mug", "--unit", "m", "--position-deviation", "0.001"]
+    assert main([str(word) for word in words]) == 0
+    assert "is nerfstudio's or instant-ngp's folder" in capsys.readouterr().out
+    row = Request([tmp_path / "mug"], into=tmp_path).capture()
+    assert (row.object, row.images, row.cameras) == ("mug", str(tmp_path / "mug/images"), str(tmp_path / "mug/cameras.json"))
+    assert row.masks == str(tmp_path / "mug/masks") and row.height_method == "" and row.depth == str(tmp_path / "mug/depth")
+    assert read_given_cameras(tmp_path / "mug/cameras.json").position_deviation_m == 0.001
+    with pytest.raises(StepError, match="brings its cameras, which go with one capture only"):
+        Request([tmp_path / "mug", tmp_path / "theirs/images"], into=tmp_path).capture()
+    assert main(["import", str(tmp_path / "theirs/masks"), "--out", str(tmp_path / "other")]) == 1
+    assert "nothing that can be imported" in capsys.readouterr().err
+
+
+def test_cells_of_given_cameras_lie_where_the_workflow_puts_them():
+    assert read_chosen_cell({}, given_cameras=True) == ("video", "given") != read_chosen_cell({})

@@ -115,7 +115,7 @@ def _detect(board: Board | _Layout, grey: np.ndarray) -> tuple[np.ndarray, np.nd
     if isinstance(board, _Layout):
         return board.detect(grey)
     corners, numbers, _, _ = cv2.aruco.CharucoDetector(board.charuco).detectBoard(grey)
-    if numbers is None:
+    if numbers is None or not len(numbers):
         return np.zeros((0, 3)), np.zeros((0, 2))
     return board.corners_mm()[np.asarray(numbers).ravel()], np.asarray(corners, float).reshape(-1, 2)
 
