@@ -36,6 +36,7 @@ def test_the_stages_have_their_methods():
         "colmap",
         "truth",
         "aliked",
+        "given",
         "mast3r",
         "da3",
         "da3_base",
@@ -48,7 +49,7 @@ def test_the_stages_have_their_methods():
     assert list(methods.SURFACES) == ["2dgs", "svraster", "trellis"]
     assert list(methods.SEGMENTATIONS) == ["grounded_sam", "saliency", "support_plane"]
     assert list(methods.DETECTORS) == ["contour", "cnos", "sam6d_ism"]
-    assert set(methods.HEIGHTS) == {"known", "marker", "depth_camera", "mast3r", "none"}
+    assert set(methods.HEIGHTS) == {"known", "marker", "depth_camera", "given_cameras", "mast3r", "none"}
     assert list(methods.ESTIMATORS) == ["render_compare", "foundationpose", "foundationpose_onnx", "sam6d_pem"]
 
 

@@ -52,6 +52,7 @@ class Method:
 
     Of registrations:
         true_cameras: it needs true cameras, which photos lack.
+        given_cameras: it takes those that come with a capture, which rendered ones lack; "all" does not mean it.
         tries: the registrations that it tries one after the other, those whose weights are there; "all" does not mean it.
         saliency: it finds masks by the salient-object network of the config (`segment.saliency`), if that is there.
 
@@ -63,6 +64,7 @@ class Method:
 
     Of heights:
         given_height: it needs the object's height in metres.
+        given_cameras: it takes the metres of cameras that come with the capture.
         columns: columns of objects.tsv with folders of photos that it reads.
         required: those of them without which it cannot work.
         original_photos: it needs the photos as they were taken, not frames of a video nor undistorted ones.
@@ -101,6 +103,7 @@ class Method:
     threads: int = 8
     gpu_bytes: dict[str, int] = field(default_factory=dict)
     true_cameras: bool = False
+    given_cameras: bool = False
     tries: tuple[str, ...] = ()
     saliency: bool = False
     given: bool = False
@@ -209,13 +212,17 @@ SURFACES = find_methods("surface")
 HEIGHTS = find_methods("height")
 GIVEN_HEIGHTS = [name for name, method in HEIGHTS.items() if method.given_height]
 """Those that take a height that the user gives."""
+BY_GIVEN_CAMERAS, HEIGHT_BY_GIVEN_CAMERAS = (
+    next((name for name, method in table.items() if method.given_cameras), None) for table in (REGISTRATIONS, HEIGHTS)
+)
+"""How captures that bring cameras are registered, and get their height, where nothing else is asked for."""
 DETECTORS = find_methods("detect")
 ESTIMATORS = find_methods("pose")
 """Of poses, from true masks or from those of a detector."""
 
 CHOICES = {
     "renderer": list(RENDERERS),
-    "virtual_registration": list(REGISTRATIONS),
+    "virtual_registration": [name for name, method in REGISTRATIONS.items() if not method.given_cameras],
     "photo_registration": [*(name for name, method in REGISTRATIONS.items() if not method.true_cameras), WITHOUT_CAMERAS],
     "nvs_method": list(SURFACES),
     "segmentation": ["auto", *SEGMENTATIONS],

@@ -18,6 +18,24 @@ def test_photos(snakemake, tmp_path):
     assert "--images 'my cup/images' --masks 'my cup/masks'" in run.stdout
 
 
+def test_photos_that_bring_their_cameras(snakemake, tmp_path):
+    """They are registered by these, whatever the config chooses for others, and take the height from them unless it is given."""
+    (tmp_path / "cup/images").mkdir(parents=True)
+    for path in ("cup/images/a.png", "cup/cameras.json", "can.mp4"):
+        (tmp_path / path).touch()
+    table = tmp_path / "objects.tsv"
+    header, images, cameras = "dataset\tobject\timages\tmasks\theight_m\tcameras", tmp_path / "cup/images", tmp_path / "cup/cameras.json"
+    table.write_text(f"{header}\nphotos\tcup\t{images}\t\t\t{cameras}\nphotos\tmug\t{images}\t\t0.1\t{cameras}\n")
+    run = snakemake("-n", "-p", "results/photos/cup/2dgs.ply", "--config", f"objects_table={table}")
+    assert run.returncode == 0, run.stdout
+    assert "--cameras cup/cameras.json" in run.stdout and "--method given " in run.stdout and "--method given_cameras " in run.stdout
+    run = snakemake("-n", "-p", "results/photos/mug/2dgs.ply", "--config", f"objects_table={table}")
+    assert "--method given " in run.stdout and "--method known " in run.stdout
+    table.write_text(f"{header}\nphotos\tcan\t{tmp_path}/can.mp4\t\t\t{cameras}\n")
+    run = snakemake("-n", "results/photos/can/2dgs.ply", "--config", f"objects_table={table}")
+    assert run.returncode != 0 and "a video has no cameras" in run.stdout
+
+
 @pytest.mark.slow
 def test_the_row_of_a_photographed_cell_is_its_grade_alone(snakemake, tmp_path):
     (tmp_path / "images").mkdir()

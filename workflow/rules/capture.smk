@@ -27,7 +27,12 @@ def photos_of(
         row |= {"height_method": "", "marker_images": ""}  # nothing tells where photos of an empty plain table lie: unknown scale
     if film_passes(wildcards.dataset) > 1:
         row["images_2"] = f"{folder}_2/film.mp4"
-    return {**dict.fromkeys(("masks", "prompt", "depth", *LATER_PASSES.values()), ""), "height_m": None, "picture_count": None, **row}
+    return {
+        **dict.fromkeys(("masks", "prompt", "depth", "cameras", *LATER_PASSES.values()), ""),
+        "height_m": None,
+        "picture_count": None,
+        **row,
+    }
 
 
 def later_passes(
@@ -40,6 +45,11 @@ def later_passes(
         raise WorkflowError(
             f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: masks of several passes cannot be given; leave the masks"
             " empty, they are found"
+        )
+    if scenes and row["cameras"]:
+        raise WorkflowError(
+            f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: cameras of several passes cannot be given; leave the cameras"
+            " empty, they are estimated"
         )
     return scenes
 
@@ -77,6 +87,8 @@ def photo_place(
             " is not UTF-8; rename the folder or the video with plain letters and digits"
         )
     pictures = column.startswith("images")
+    if column == "cameras" and path.is_file():
+        return str(path)
     if not row[column] or (not path.is_dir() and not (pictures and path.is_file())):
         raise WorkflowError(
             f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: the {'video or ' if pictures else ''}folder of its "
@@ -158,6 +170,13 @@ def mask_files(
     return photo_files("masks")(wildcards) if photos_of(wildcards)["masks"] else []
 
 
+def camera_files(
+    wildcards,
+):
+    """The cameras that came with the photos, if any did."""
+    return photo_files("cameras")(wildcards) if photos_of(wildcards)["cameras"] else []
+
+
 def capture_method(
     wildcards,
 ):
@@ -168,16 +187,18 @@ def capture_method(
 def capture_options(
     wildcards,
 ):
-    """The options of this method: how many frames of a video, or how many photos, and their masks, if there are any."""
+    """The options of this method: how many frames of a video, or how many photos, and their masks and cameras, if there are any."""
     row = photos_of(wildcards)
-    masks, count = row["masks"], row["picture_count"]
+    count = row["picture_count"]
     if capture_method(wildcards) == "photos":
-        own = {"most_images": count} if count else {}
-        return step_options({**({"masks": shlex.quote(photo_place(wildcards, "masks"))} if masks else {}), **config["photos"], **own})
-    if masks:
-        raise WorkflowError(
-            f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: a video has no masks; leave the masks empty, they are found"
-        )
+        given = {name: shlex.quote(photo_place(wildcards, name)) for name in ("masks", "cameras") if row[name]}
+        return step_options({**given, **config["photos"], **({"most_images": count} if count else {})})
+    for column in ("masks", "cameras"):
+        if row[column]:
+            raise WorkflowError(
+                f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: a video has no {column}; leave the {column} empty,"
+                " they are found"
+            )
     own = {"frames": count, "most_frames": max(config["video"]["most_frames"], math.ceil(MOST_SHARE * count))} if count else {}
     return step_options({**config["video"], **own})
 
@@ -186,6 +207,7 @@ rule capture_photos:
     input:
         images=lambda wildcards: photo_files(pass_column(wildcards))(wildcards),
         masks=mask_files,
+        cameras=camera_files,
     output:
         capture=directory(f"{SCENE}/capture"),
     log:

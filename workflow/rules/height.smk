@@ -17,7 +17,8 @@ def height_method(
     if is_virtual(wildcards.dataset):
         return KNOWN_HEIGHT
     row = photos_of(wildcards)
-    name = row["height_method"] or (UNKNOWN_HEIGHT if row["height_m"] is None else KNOWN_HEIGHT)
+    without = methods.HEIGHT_BY_GIVEN_CAMERAS if row["cameras"] else UNKNOWN_HEIGHT
+    name = row["height_method"] or (without if row["height_m"] is None else KNOWN_HEIGHT)
     return usable("height method", name, HEIGHTS, "")
 
 

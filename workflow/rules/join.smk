@@ -24,10 +24,15 @@ def passes_of(
 def chosen_run(
     wildcards,
 ):
-    """The scene and registration that the config chooses for an object; of an object with several passes, the joined scene."""
+    """The scene and registration that the config chooses for an object; of one with several passes, the joined scene.
+
+    A capture that brings its cameras is registered by these.
+    """
     if is_virtual(wildcards.dataset):
         return config["chosen"]["virtual"]
     chosen = config["chosen"]["photos"]
+    if photos_of(wildcards)["cameras"]:
+        return {"scene": WHOLE_SCENE, "registration": methods.BY_GIVEN_CAMERAS}
     return {**chosen, "scene": JOINED_PHOTOS} if chosen["scene"] == WHOLE_SCENE and later_passes(wildcards) else chosen
 
 

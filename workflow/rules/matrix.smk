@@ -33,7 +33,9 @@ def table_axis(
 ):
     """The names that the config wants on an axis of the tables."""
     wanted = config["tables"][axis]
-    return [name for name, method in AXES[axis].items() if not (methods.lacks(method) or method.tries)] if wanted == "all" else wanted
+    if wanted != "all":
+        return wanted
+    return [name for name, method in AXES[axis].items() if not (methods.lacks(method) or method.tries or method.given_cameras)]
 
 
 def surfaces_with_cameras(

@@ -8,11 +8,11 @@ on with its other cells (matrix.smk).
 def registrations_of(
     dataset,
 ):
-    """The registrations that make sense for a dataset: photos have no true cameras."""
+    """The registrations that make sense for a dataset: photos have no true cameras, and nothing rendered brings any of its own."""
     return {
         name: with_own_weights("register", name, method)
         for name, method in methods.REGISTRATIONS.items()
-        if is_virtual(dataset) or not method.true_cameras
+        if not (method.given_cameras if is_virtual(dataset) else method.true_cameras)
     }
 
 

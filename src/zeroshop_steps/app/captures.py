@@ -33,6 +33,7 @@ class Capture:
     depth: str = ""
     scene_of: str = ""
     number: str = ""
+    cameras: str = ""
 
 
 COLUMNS = ["dataset", *(field.name for field in fields(Capture))]

@@ -22,6 +22,7 @@ Photos or a film of an object become a closed, textured mesh of true size.
   zeroshop mug.mp4 --height 0.096     a film; the mug is 9.6 cm high
   zeroshop photos/box                 a folder of photos; the size stays unknown
   zeroshop mug.mp4 turned.mp4         two films: for the second, the mug was turned over, so that its underside is seen
+  zeroshop nerfstudio/mug             a capture with known cameras: nerfstudio, COLMAP, BOP and others (zeroshop import --help)
   zeroshop check photos/box           judge a capture in a minute, before anything long runs
   zeroshop export urdf mug            the mesh that was made, for robots and simulators
 
@@ -152,6 +153,34 @@ def grasp(name: str, method: str, cores: int, into: Path) -> int:
 def report(opens: bool, cores: int, into: Path) -> int:
     """Make the report of all objects so far."""
     return 0 if _make_report(into.resolve(), cores, opens) else 1
+
+
+@zeroshop.command("import")
+@click.argument("source", type=click.Path(path_type=Path), metavar="PATH")
+@click.option("--out", type=click.Path(path_type=Path), required=True, metavar="FOLDER", help="Folder to write.")
+@click.option("--unit", type=click.Choice(["m", "mm", "unknown"]), help="Unit of the poses.", show_default="what the format says")
+@click.option("--object", "object_id", type=int, metavar="ID", help="The object's number, where several are annotated (BOP).")
+@click.option("--board", metavar="NAME_OR_FILE", help="The board around the object, which gives the cameras: a4, a3, or a file.")
+@click.option("--position-deviation", type=click.FloatRange(0, min_open=True), metavar="METRES", help=(
+    "Standard deviation of the cameras' places along each axis, such as 0.001 for a robot's arm."))  # fmt: skip
+@click.option("--rotation-deviation", type=click.FloatRange(0, min_open=True), metavar="DEGREES", help="That of their turns.")
+def import_(
+    source: Path,
+    out: Path,
+    unit: str | None,
+    object_id: int | None,
+    board: str | None,
+    position_deviation: float | None,
+    rotation_deviation: float | None,
+) -> int:
+    """Bring a capture with known cameras into the common form: COLMAP, nerfstudio, instant-ngp, BOP, FoundationPose, Middlebury, boards."""
+    from zeroshop_steps.app.importing import import_capture
+    from zeroshop_steps.app.reconstruction import require_source
+    from zeroshop_steps.capture.adapters.form import ImportOptions
+
+    what = import_capture(require_source(source), out, ImportOptions(unit, object_id, board), position_deviation, rotation_deviation)
+    print(f"Imported  {source} is {what}\nWritten   {out}\nNext      zeroshop {out}")
+    return 0
 
 
 @zeroshop.command("print-board")

@@ -9,7 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from zeroshop_steps.app.captures import TABLE, Capture, add_capture, make_name
+from zeroshop_steps.app.captures import TABLE, Capture, add_capture, make_name, read_captures
+from zeroshop_steps.app.importing import find_source
 from zeroshop_steps.app.project import provide_weights
 from zeroshop_steps.app.summary import describe_advice, describe_mesh, describe_unseen, describe_warnings, find_reason, name_photos
 from zeroshop_steps.app.workflow import JOINED_PHOTOS, count_more_frames, read_chosen_cell, run_workflow, settings_of_inputs
@@ -33,7 +34,8 @@ class Request:
     """What a user asks for.
 
     Attributes:
-        sources: folders of photos, or films; for each after the first, the object was turned over.
+        sources: folders of photos, or films; for each after the first, the object was turned over. The first may also be a capture with
+            cameras, in the common form or one that an adapter knows.
         height_m: of the standing object; None where it is unknown.
         name: of the results; that of the first source if empty.
         masks: folder of masks; None for those that are transparent in the photos or lie among them, else they are found.
@@ -76,16 +78,25 @@ class Request:
 
     def capture(self) -> Capture:
         """The row of the table of objects."""
-        sources = [require_source(path) for path in self.sources]
+        paths = [require_source(path) for path in self.sources]
+        name = make_name(Path(self.name)) if self.name else make_name(paths[0])
+        first = find_source(paths[0], self.into.resolve(), name)
+        sources = [first.images, *paths[1:]]
+        if first.cameras and len(paths) > 1:
+            raise StepError(f"{paths[0]} brings its cameras, which go with one capture only; give one capture, or the photos alone")
+        own_masks = first.masks or _find_own_masks(sources)
+        own_height = "" if self.height_m is not None else first.height_method
         return Capture(
-            object=make_name(Path(self.name)) if self.name else make_name(sources[0]),
+            object=name,
             images=str(sources[0]),
             **{f"images_{number}": str(path) for number, path in enumerate(sources[1:], start=2)},
             height_m=f"{self.height_m:g}" if self.height_m is not None else "",
-            height_method="marker" if self.board else "known" if self.height_m is not None else "",
+            height_method="marker" if self.board else "known" if self.height_m is not None else own_height,
             marker_images=str(self.board_photos.resolve()) if self.board_photos else "",
-            masks=str(self.masks.resolve()) if self.masks else _find_own_masks(sources),
+            masks=str(self.masks.resolve()) if self.masks else own_masks,
             picture_count=str(self.count or ""),
+            depth=first.depth,
+            cameras=first.cameras,
         )
 
 
@@ -163,7 +174,7 @@ def make_mesh(request: Request) -> Outcome:
     results = folder / "results/photos" / capture.object
     run = partial(run_for, request, settings, capture, f"{request.method}.ply")
     done = run()
-    scene, registration = read_chosen_cell(settings)
+    scene, registration = read_chosen_cell(settings, bool(capture.cameras))
     if not (done or capture.picture_count or capture.images_2) and (count := count_more_frames(results / scene / registration)):
         print(f"The frames have no sure cameras; trying again with {count} of the film", file=sys.stderr)
         add_capture(folder, replace(capture, picture_count=str(count)))
@@ -214,7 +225,8 @@ def find_outcome(name: str, method: str = METHODS[0], into: Path = Path(), cores
     if not mesh.is_file():
         made = sorted(path.parent.name for path in folder.glob(f"results/photos/*/{method}.ply"))
         raise StepError(f"{mesh} does not exist; make it with `zeroshop PHOTOS`. Meshes made here: {', '.join(made) or 'none'}")
-    scene, registration = read_chosen_cell({})
+    captures = read_captures(folder)
+    scene, registration = read_chosen_cell({}, name in captures and bool(captures[name].cameras))
     scene = JOINED_PHOTOS if (results / JOINED_PHOTOS).is_dir() else scene
     log = results / "logs/zeroshop.log"
     return Outcome(True, mesh, results / scene / registration / method, log, folder, folder / TABLE, cores)

@@ -15,10 +15,9 @@ from zeroshop_steps.assets.object_frame import read_object_from_registration
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.metric_mesh import add_mesh_arguments
 from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.transforms import transform_camera, transform_points
+from zeroshop_steps.geometry.transforms import OPENCV_FROM_OPENGL, transform_camera, transform_points
 from zeroshop_steps.runtime.files import atomic_directory, write_json
 
-OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 POINTS = "sparse_pc.ply"
 
 

@@ -27,6 +27,7 @@ from zeroshop_steps.capture.frames import (
     measure_sharpness,
     write_capture_record,
 )
+from zeroshop_steps.capture.given_cameras import FILE, read_given_cameras
 from zeroshop_steps.capture.mask_files import UserMask, read_user_mask
 from zeroshop_steps.capture.mask_names import MaskNames, find_masks, split_masks
 from zeroshop_steps.capture.photo_files import MAX_SIDE_PX, choose_suffix, list_photos, read_photo, write_upright
@@ -76,6 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder of masks, each named like its photo, such as x.png, x.jpg.png or x_mask.png, or of photos with a transparent"
         " background; none when left out",
     )
+    parser.add_argument("--cameras", type=Path, help=f"{FILE}: cameras that come with the photos; estimated when left out")
     parser.add_argument("--min-images", type=int, default=MIN_IMAGES, help="fewest photos that are accepted (default: %(default)s)")
     parser.add_argument("--most-images", type=int, default=MOST_IMAGES, help="most photos that are used (default: %(default)s)")
     parser.add_argument("--max-side-px", type=int, default=MAX_SIDE_PX, help="larger photos are scaled down (default: %(default)s)")
@@ -84,13 +86,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
-    import_photos(args.images, args.masks, args.min_images, args.out, args.most_images, args.max_side_px)
+    import_photos(args.images, args.masks, args.min_images, args.out, args.most_images, args.max_side_px, args.cameras)
 
 
 def import_photos(
-    images: Path, masks: Path | None, min_images: int, out: Path, most_images: int = MOST_IMAGES, max_side_px: int = MAX_SIDE_PX
+    images: Path,
+    masks: Path | None,
+    min_images: int,
+    out: Path,
+    most_images: int = MOST_IMAGES,
+    max_side_px: int = MAX_SIDE_PX,
+    cameras: Path | None = None,
 ) -> None:
     """Check photos and masks and copy them to `out` as images/000000.jpg, masks/000000.png and so on, in the order of their names.
+
+    Cameras that come with them are written to cameras.json, for the photos as they are used.
 
     Photos may differ in size, orientation and camera. Left out, and named in a warning, are photos that cannot be read, whose mask
     is missing or wrong, that are copies of others, that are much more blurred than the others, and, of more than `most_images`, those
@@ -132,11 +142,18 @@ def import_photos(
     warnings += more
     for warning in warnings:
         warn(warning)
-    _write(photos, max_side_px, out, {"photos_found": len(paths) + len(odd), "warnings": warnings}, start_s)
+    _write(photos, max_side_px, out, {"photos_found": len(paths) + len(odd), "warnings": warnings}, start_s, cameras)
 
 
-def _write(photos: list[Photo], max_side_px: int, out: Path, facts: dict, start_s: float) -> None:
+def _write(photos: list[Photo], max_side_px: int, out: Path, facts: dict, start_s: float, cameras: Path | None) -> None:
     with atomic_directory(out) as folder:
+        if cameras is not None:
+            names = {photo.path.name: f"{index:06d}{choose_suffix(photo.path)}" for index, photo in enumerate(photos)}
+            given = read_given_cameras(cameras).for_photos(names, {photo.path.name: photo.size_px for photo in photos}, cameras)
+            facts["warnings"] += given.warnings
+            for line in given.warnings:
+                warn(line)
+            given.write(folder / FILE)
         (folder / "images").mkdir()
         for index, photo in enumerate(photos):
             write_upright(photo.path, folder / "images" / f"{index:06d}{choose_suffix(photo.path)}", max_side_px)

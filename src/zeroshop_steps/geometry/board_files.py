@@ -86,7 +86,7 @@ def _make(name: str, content: Any) -> Board | TagBoard:
             f" {', '.join(possible)}"
         )
     values: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
-    dictionary = _find_dictionary(name, str(content.get("dictionary", "")))
+    dictionary = find_dictionary(name, str(content.get("dictionary", "")))
     if content["kind"] == "charuco":
         if not values["marker_mm"] < values["square_mm"]:
             raise StepError(f"board {name}: marker_mm is {values['marker_mm']}; expected less than square_mm, {values['square_mm']}")
@@ -96,8 +96,8 @@ def _make(name: str, content: Any) -> Board | TagBoard:
     return TagBoard(name, content["kind"], dictionary, **values)
 
 
-def _find_dictionary(name: str, text: str) -> int:
-    """OpenCV's number of a dictionary."""
+def find_dictionary(name: str, text: str) -> int:
+    """OpenCV's number of a dictionary by its usual names; `name` is the board's. Raises StepError for one that there is not."""
     plain = text.lower().removeprefix("tag").removeprefix("dict_").removeprefix("apriltag_")
     names = [f"DICT_APRILTAG_{plain}", f"DICT_{plain.upper()}"]
     found = next((getattr(cv2.aruco, one) for one in names if plain and hasattr(cv2.aruco, one)), None)

@@ -5,6 +5,8 @@ from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.cameras import Camera
 
+OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+"""(4, 4) from a camera that looks along -z with y up to one that looks along z with y down; its own inverse."""
 CROP_MARGIN = 1.15
 """Side of a square crop, in longer sides of the mask's box: about 7 % of background on each side."""
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from zeroshop_steps.capture.given_cameras import FILE, read_given_cameras
 from zeroshop_steps.geometry.image_files import check_kind
 from zeroshop_steps.geometry.images import decode_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
@@ -37,20 +38,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     add_common_arguments(parser)
     parser.add_argument("--depth", type=Path, required=True, help="folder of depth images, named like the photos but .png")
-    parser.add_argument("--step-mm", type=float, default=1.0, help="millimetres a step of the depth images (default: %(default)s)")
+    parser.add_argument(
+        "--step-mm",
+        type=float,
+        default=1.0,
+        help=f"millimetres a step of the depth images, unless {FILE} beside their folder says it (default: %(default)s)",
+    )
 
 
 def run(args: argparse.Namespace) -> None:
     """Write height.json."""
     if not 1e-3 <= args.step_mm <= 100.0:
         raise StepError(f"--step-mm is {args.step_mm:g}; a step of a depth image is 0.001 to 100 mm, most often 1")
+    beside = args.depth.parent / FILE
+    step_mm = (read_given_cameras(beside).depth_step_mm if beside.is_file() else None) or args.step_mm
     mesh = read_ply(args.mesh)
     diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
     else_wrong = "the depth images have another unit (height.depth_camera.step_mm)"
     write_height(
         args,
         "depth_camera",
-        lambda registered: measure_scale(registered, MeshRenderer(mesh), diagonal, args.depth, args.step_mm),
+        lambda registered: measure_scale(registered, MeshRenderer(mesh), diagonal, args.depth, step_mm),
         else_wrong,
     )
 

@@ -230,12 +230,18 @@ def _check_spread(folder: Path, record: Record, graph: ViewGraph) -> None:
         raise record.fail(str(error)) from None
 
 
-def match_images(database: Path, image_set: ImageSet, options: ColmapOptions, stopwatch: Stopwatch) -> ViewGraph:
-    """Write the features of all images and their verified matches into a new database."""
+def match_images(
+    database: Path,
+    image_set: ImageSet,
+    options: ColmapOptions,
+    stopwatch: Stopwatch,
+    lenses: dict[str, pycolmap.Camera] | None = None,
+) -> ViewGraph:
+    """Write the features of all images and their verified matches into a new database; `lenses` are those that are known, by image stem."""
     structure, count = options.structure, len(image_set.images)
     mask_folder = database.parent / "masks" if structure.object_only else None
-    median_features, first_octave = extract_features(database, image_set, options.sift, mask_folder)
-    focal_source = "given" if options.sift.focal_px is not None else find_focal_source(database)
+    median_features, first_octave = extract_features(database, image_set, options.sift, mask_folder, lenses)
+    focal_source = "given" if lenses or options.sift.focal_px is not None else find_focal_source(database)
     # On an object alone, what stands still in all pictures is rather a can that turns, whose outline stays where it is.
     marks = StaticMarks() if structure.object_only else find_static_marks(database, image_set)
     marks.leave_out(database, image_set)
@@ -243,7 +249,7 @@ def match_images(database: Path, image_set: ImageSet, options: ColmapOptions, st
     pairs = choose_name_pairs(image_set, options.sift, structure.object_only)
     stopwatch.lap("choose")
     match_features(database, options.sift, pairs)
-    wide = {} if structure.object_only else find_wide_lenses(database, options.sift.seed)
+    wide = {} if structure.object_only or lenses else find_wide_lenses(database, options.sift.seed)
     if wide:
         set_lenses(database, wide, options.sift.seed)
     stationary = measure_stationary(database, image_set, options.sift.seed)
@@ -251,7 +257,8 @@ def match_images(database: Path, image_set: ImageSet, options: ColmapOptions, st
     if on_turntable:
         verify_without_stationary(database, image_set, options.sift.seed)
     stopwatch.lap("match")
-    weak = [] if structure.object_only else find_weak_images(database, options.weak_matches, options.weak_share)
+    # Known lenses come with known poses, which a few matches refine.
+    weak = [] if structure.object_only or lenses else find_weak_images(database, options.weak_matches, options.weak_share)
     flattened = find_foreshortened(database, weak)
     if not structure.leave_out:
         # Only oblique views benefit. On plain rendered grounds that was not measured: all weak ones are tilted there.

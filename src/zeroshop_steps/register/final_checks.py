@@ -26,6 +26,7 @@ class FinalChecks:
         by_object: whether the object's features alone gave the matches.
         compare_pictures: whether the pictures of neighbours must show the same, however many points they share.
         seed: of all RANSAC loops.
+        held: whether more than the photos holds the cameras: how loosely these do says little then.
     """
 
     folder: Path
@@ -34,10 +35,13 @@ class FinalChecks:
     by_object: bool
     compare_pictures: bool = False
     seed: int = 0
+    held: bool = False
 
     def about(self, hypothesis: Hypothesis, pinhole_model: pycolmap.Reconstruction) -> list[Callable[[], Evidence]]:
         """The checks of a model in the order of their cost; `pinhole_model` is the same without distortion."""
-        checks: list[Callable[[], Evidence]] = [hypothesis.report.gather, lambda: check_deviations(self.folder, self.by_object)]
+        checks: list[Callable[[], Evidence]] = [hypothesis.report.gather]
+        if not self.held:
+            checks.append(lambda: check_deviations(self.folder, self.by_object))
         if not hypothesis.merged:  # no matches hold submodels to each other
             images = None if self.by_object else self.folder / "images"
             checks += [

@@ -165,7 +165,8 @@ def reconstruct(
         check = partial(check_consistency, image_set=image_set, database=database, limits=options.limits, doubt_masks=options.doubt_masks)
         improver = Improver(image_set, check, needed if by_object else count)
         hypothesis, record = improve(improver, hypothesis, by_object, record, stopwatch)
-    return _write(hypothesis, image_set, out, options, record, stopwatch, may_match, by_object, all_matches or database)
+    asked = FinalChecks(out, all_matches or database, may_match, by_object, options.compare_pictures, options.seed)
+    return write_checked(hypothesis, image_set, asked, record, stopwatch)
 
 
 def improve(improver: Improver, hypothesis: Hypothesis, by_object: bool, record: Record, stopwatch: Stopwatch) -> tuple[Hypothesis, Record]:
@@ -182,18 +183,12 @@ def improve(improver: Improver, hypothesis: Hypothesis, by_object: bool, record:
     return hypothesis, record if hypothesis.left_out == left_out else record.add(left_out=list(hypothesis.left_out))
 
 
-def _write(
-    hypothesis: Hypothesis,
-    image_set: ImageSet,
-    out: Path,
-    options: StructureOptions,
-    record: Record,
-    stopwatch: Stopwatch,
-    may_match: MayMatch | None,
-    by_object: bool,
-    every_match: Path,
-) -> Record:
-    """Write the undistorted model, and complete the record; raises RegistrationFailed where a check refuses the model."""
+def write_checked(hypothesis: Hypothesis, image_set: ImageSet, asked: FinalChecks, record: Record, stopwatch: Stopwatch) -> Record:
+    """Write the undistorted model into the folder of the checks, and complete the record.
+
+    Raises:
+        RegistrationFailed: the checks refuse the model.
+    """
     model, report = hypothesis.model, hypothesis.report
     record = record.judge(find_missing(image_set, {image.name for image in model.images.values() if image.has_pose}))
     if report.wrong_masks:
@@ -201,11 +196,10 @@ def _write(
         record = record.warn(
             f"the masks of {len(report.wrong_masks)} of {len(image_set.images)} photos contradict those of the others: {shown}"
         )
-    pinhole_model = undistort(model, image_set, out)
+    pinhole_model = undistort(model, image_set, asked.folder)
     stopwatch.lap("undistort")
     record = record.add(**describe_lenses(model), **describe_model(pinhole_model))
     stopwatch.stop()
-    asked = FinalChecks(out, every_match, may_match, by_object, options.compare_pictures, options.seed)
     return verify(record, asked.about(hypothesis, pinhole_model), pinhole_model)
 
 

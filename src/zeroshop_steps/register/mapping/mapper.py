@@ -1,5 +1,6 @@
 """COLMAP's mapper, with the same bytes in every run: incremental mapping, bundle adjustment, triangulation."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pycolmap
@@ -74,17 +75,33 @@ def adjust_robustly(model: pycolmap.Reconstruction, scale_px: float, iterations:
 
 
 def triangulate_points(
-    database: Path, image_set: ImageSet, camera_from_world: dict[str, pycolmap.Rigid3d], seed: int
+    database: Path,
+    image_set: ImageSet,
+    camera_from_world: dict[str, pycolmap.Rigid3d],
+    seed: int,
+    change: Callable[[pycolmap.IncrementalPipelineOptions], None] | None = None,
 ) -> pycolmap.Reconstruction:
-    """Sparse points from the matches of a database, with its cameras held fixed at {image stem: pose}; `seed` is of RANSAC."""
+    """Sparse points from the matches of a database, with its cameras held fixed at {image stem: pose}.
+
+    Args:
+        database: with verified matches; what COLMAP writes lies beside it.
+        image_set: the images.
+        camera_from_world: an image without a pose is left out.
+        seed: of RANSAC.
+        change: of the usual options.
+    """
     model = pycolmap.Reconstruction()
     with pycolmap.Database.open(database) as opened:
         for camera in opened.read_all_cameras():
             model.add_camera_with_trivial_rig(camera)
         for image in sorted(opened.read_all_images(), key=lambda image: image.name):
-            placed = pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id)
-            model.add_image_with_trivial_frame(placed, camera_from_world[Path(image.name).stem])
+            pose = camera_from_world.get(Path(image.name).stem)
+            if pose is not None:
+                placed = pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id)
+                model.add_image_with_trivial_frame(placed, pose)
     mapper = make_mapping_options(len(image_set.images), seed)
+    if change:
+        change(mapper)
     output = database.parent / "triangulated"
-    output.mkdir()
+    output.mkdir(exist_ok=True)
     return pycolmap.triangulate_points(model, database, image_set.images[0].parent, output, options=mapper)

@@ -47,6 +47,8 @@ class ConsistencyLimits:
         error_ratio: an image's median reprojection error may be this many times that of the median image, ...
         error_px: ... or this large.
         cut_matches: any two groups of images must be held together by this many matches.
+        least_points: an image that sees fewer points tells nothing by its error, nor by the share of matches that contradict the model:
+            for cameras that more than matches holds.
         rough_share: masks that are drawn by hand may miss by this share of the square root of their area, where the cameras were found
             without them; with outlines that waver by 1.5 % of it, rays miss by 4 %.
         wrong_masks_share: of the masks that may be wrong there, before the cameras are doubted instead.
@@ -57,6 +59,7 @@ class ConsistencyLimits:
     error_ratio: float = 2.5
     error_px: float = 0.5
     cut_matches: int = 60
+    least_points: int = 0
     rough_share: float = 0.06
     wrong_masks_share: float = 0.4
 
@@ -103,7 +106,7 @@ class ConsistencyReport:
     def figures(self) -> dict[str, Any]:
         """The figures as written to registration.json; an error without bounds is None there."""
         cut, group = self.evidence.weakest_cut()
-        worst = max(self.errors_px.values())
+        worst = max(self.errors_px.values(), default=np.nan)
         silhouettes = {}
         if self.coherence:
             silhouettes = {
@@ -117,7 +120,7 @@ class ConsistencyReport:
             "error_px": {name: round(error, 3) if np.isfinite(error) else None for name, error in self.errors_px.items()},
             "error_worst_ratio": round(worst / float(np.median(list(self.errors_px.values()))), 2) if np.isfinite(worst) else None,
             "contradicted_share": dict(zip(self.evidence.names, np.round(self.evidence.contradicted_share, 3).tolist(), strict=True)),
-            "contradicted_worst_share": round(float(self.evidence.contradicted_share.max()), 3),
+            "contradicted_worst_share": round(float(self.evidence.contradicted_share.max(initial=0.0)), 3),
             "weakest_cut_matches": cut,
             "weakest_cut_images": list(group),
         }
@@ -147,6 +150,10 @@ def check_consistency(
         coherence = coherence.enlarged(factors)
     evidence = count_epipolar_support(model, database)
     errors_px = measure_reprojection_errors_px(model)
+    if limits.least_points:
+        told = {image.name for image in model.images.values() if image.has_pose and image.num_points3D >= limits.least_points}
+        evidence = evidence.take([name for name in evidence.names if name in told])
+        errors_px = {name: error for name, error in errors_px.items() if name in told}
     findings = find_contradictions(coherence, evidence, errors_px, limits, image_set.scales, mask_limits)
     if image_set.film and (jump := find_jump(model, image_set.cuts)):
         findings = (*findings, jump)
@@ -205,6 +212,8 @@ def find_contradictions(
         name, worst_px = coherence.names[int(excess.argmax())], float(coherence.unexplained_px[excess.argmax()])
         found = f"rays through the mask of {name} miss the other masks by {worst_px:.1f} px"
         findings.append(Finding("silhouettes", float(excess.max()), found, (coherence.culprit(),)))
+    if not errors_px:
+        return tuple(findings)
     share = evidence.contradicted_share
     name = evidence.names[int(share.argmax())]
     found = f"{share.max():.0%} of the matches of {name} contradict it (sides that look alike?)"

@@ -4,6 +4,7 @@ Incremental mapping silently drops matches that do not agree with the cameras fo
 were registered by a few false matches have many true matches against them, or few matches that connect them with the rest.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,6 +33,12 @@ class EpipolarSupport:
         """(N,) share of each image's verified matches that contradict the model."""
         total = (self.supporting + self.contradicting).sum(1)
         return self.contradicting.sum(1) / np.maximum(total, 1)
+
+    def take(self, names: Sequence[str]) -> "EpipolarSupport":
+        """The matches of these images alone, in the order of the names that are there."""
+        kept = np.array([name in set(names) for name in self.names], bool)
+        chosen = tuple(name for name in self.names if name in set(names))
+        return EpipolarSupport(chosen, self.supporting[kept][:, kept], self.contradicting[kept][:, kept])
 
     def weakest_cut(self) -> tuple[int, tuple[str, ...]]:
         """The fewest supporting matches that hold two groups of images together, and the names of the smaller group."""
