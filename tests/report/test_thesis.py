@@ -183,5 +183,16 @@ def test_comparisons_of_detectors_and_estimators_stand_beside_what_the_thesis_sa
     assert (found.loc[other, "ours"], found.loc[other, "status"]) == ("", "waiting")
 
 
+def test_a_rehearsal_fills_every_place_and_marks_each_of_its_figures(tmp_path):
+    write_cell(tmp_path / "results/thesis", "obj_000001/su_h/mast3r/2dgs", "sparse", training={"iterations": 60})
+    write_cell(tmp_path / "results/thesis", "obj_000002/su_h/mast3r/2dgs", "good")
+    table, _, page = make_page(tmp_path, "--results", tmp_path / "results/thesis", "--rehearsal")
+    own = table[table.source != ""].set_index("column")
+    assert own.ours.to_dict() == {"obj_000001": "sparse", "obj_000002": "good"} and set(own.status) == {"rehearsed"}
+    assert own.loc["obj_000001", "how"] == "training: iterations 60 (published: 30000)" and own.loc["obj_000002", "how"] == ""
+    assert "This is a rehearsal." in page and "<em>– ours: 2 rehearsed, 19 waiting for" in page and "1 of 2" in page
+    assert "This is a rehearsal." not in make_page(tmp_path, "--results", tmp_path / "results/thesis")[2]
+
+
 def test_failed_cells_count():
     assert compare(["none", "good", ""], ["good", "good", "good"]) == "1 of 2" and count_good(["none", "good", ""]) == "1 of 2"
