@@ -4,7 +4,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
-from helpers.small_dataset import BOX, CAN
+from helpers.small_dataset import BOX, CAN, write_models
 from zeroshop_steps.bop.damage_models import open_underside, scale_mesh, scale_symmetries
 from zeroshop_steps.bop.models import read_models
 from zeroshop_steps.geometry.meshes import Mesh
@@ -50,3 +50,16 @@ def test_the_command_writes_models_that_estimators_read(dataset):
         assert len(damaged[number].mesh.faces) < len(true[number].mesh.faces)
     assert len(damaged[CAN].symmetries) == len(true[CAN].symmetries)
     assert stage_main("zeroshop_steps.bop", [*words, "--scale-percent", "-95"]) == 1
+
+
+def test_single_models_get_errors_of_their_own(tmp_path, capsys):
+    write_models(tmp_path / "models")
+    words = ["--method", "damage_models", "--models", str(tmp_path / "models"), "--scale-percent", "5"]
+    assert stage_main("zeroshop_steps.bop", [*words, "--scale-percent-of", f"{CAN}=-7.22", "--out", str(tmp_path / "out")]) == 0
+    folders = (read_models(tmp_path / folder, [BOX, CAN]) for folder in ("models", "out"))
+    sizes = [np.ptp(model.mesh.vertices, axis=0) for models in folders for model in models.values()]
+    np.testing.assert_allclose(sizes[2] / sizes[0], 1.05, rtol=1e-5)
+    np.testing.assert_allclose(sizes[3] / sizes[1], 0.9278, rtol=1e-5)
+    for wrong, said in ((f"{CAN}", "is no OBJECT=PERCENT"), (f"{CAN}=-95", "is no error of a scale")):
+        assert stage_main("zeroshop_steps.bop", [*words, "--scale-percent-of", wrong, "--out", str(tmp_path / "other")]) == 1
+        assert said in capsys.readouterr().err

@@ -7,6 +7,7 @@ import hashlib
 import http.server
 import os
 import pathlib
+import re
 import shutil
 import sys
 import threading
@@ -57,6 +58,7 @@ def test_the_table_is_whole_and_names_all_that_methods_need():
             and row.without
         )
         assert row.sha256 is None or len(bytes.fromhex(row.sha256)) == 32
+        assert "/resolve/" not in row.url or re.search(r"/resolve/[0-9a-f]{40}/", row.url), "a branch changes; a commit does not"
         assert row.size_bytes is None or row.size_bytes > 0
 
 

@@ -71,6 +71,10 @@ def test_the_thesis_page_has_them_as_figures_of_another_kind(table: Path) -> Non
     assert ours.items() >= {FIRST: "87.5", SECOND: "93.8", OVERLAP_SEGMENTED: "75", OVERLAP_POSED: "67"}.items()
     assert {entry.status for entry in list_grasps()} == {WAITING} and not any(entry.ours for entry in list_grasps())
     assert list_other_grasps(pd.DataFrame()) == []
+    wrong = list_other_grasps(own.assign(models="models_misjudged_2dgs"))
+    assert {other.row.partition(", friction")[0] for other in wrong} == {"2dgs, wrong heights"}
+    assert all("heights as wrong as published" in other.differs for other in wrong)
+    assert all("true heights" in other.differs for other in list_other_grasps(own))
 
 
 def test_damaged_models_are_drawn_over_their_error(tmp_path: Path) -> None:

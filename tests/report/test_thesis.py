@@ -169,5 +169,30 @@ def test_films_fill_their_statement_and_heights_say_how_they_are_measured(tmp_pa
     assert other[other.kind == "heights"].ours.tolist() == ["5"]
 
 
+def test_comparisons_of_detectors_and_estimators_stand_beside_what_the_thesis_says_of_them(tmp_path):
+    columns = ["models", "task", "method", "masks", "measure", "value"]
+    rows = [("models", "detection", "cnos_sam", "", "ap", "0.6"), ("models", "detection", "cnos_fastsam", "", "failed", "no weights")]
+    rows += [("models_without_underside", "detection", "cnos_sam", "", "ap", "0.25")]
+    table = pd.DataFrame(rows, columns=columns).assign(dataset="ycbv", object="", source="measured")
+    (tmp_path / "results/ycbv/tables").mkdir(parents=True)
+    table.to_csv(tmp_path / "results/ycbv/tables/detectors.csv", index=False)
+    found = make_page(tmp_path, "--results", tmp_path / "results")[0].set_index("row")
+    said = found.loc["CNOS with SAM segments best; FastSAM fails for flipped objects without an underside"]
+    assert said.ours.endswith("ground truth: cnos_sam 0.600; without underside: cnos_sam 0.250") and said.status == "differs"
+    other = "SAM-6D gets worse with these meshes, and is unusable for inverted objects"
+    assert (found.loc[other, "ours"], found.loc[other, "status"]) == ("", "waiting")
+
+
+def test_a_rehearsal_fills_every_place_and_marks_each_of_its_figures(tmp_path):
+    write_cell(tmp_path / "results/thesis", "obj_000001/su_h/mast3r/2dgs", "sparse", training={"iterations": 60})
+    write_cell(tmp_path / "results/thesis", "obj_000002/su_h/mast3r/2dgs", "good")
+    table, _, page = make_page(tmp_path, "--results", tmp_path / "results/thesis", "--rehearsal")
+    own = table[table.source != ""].set_index("column")
+    assert own.ours.to_dict() == {"obj_000001": "sparse", "obj_000002": "good"} and set(own.status) == {"rehearsed"}
+    assert own.loc["obj_000001", "how"] == "training: iterations 60 (published: 30000)" and own.loc["obj_000002", "how"] == ""
+    assert "This is a rehearsal." in page and "<em>– ours: 2 rehearsed, 19 waiting for" in page and "1 of 2" in page
+    assert "This is a rehearsal." not in make_page(tmp_path, "--results", tmp_path / "results/thesis")[2]
+
+
 def test_failed_cells_count():
     assert compare(["none", "good", ""], ["good", "good", "good"]) == "1 of 2" and count_good(["none", "good", ""]) == "1 of 2"

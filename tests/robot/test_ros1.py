@@ -63,6 +63,20 @@ def test_a_goal_is_detected_and_posed(servers, roscore, dataset, tmp_path):
     assert np.linalg.norm(np.array(posed["camera_from_model_mm"])[:3, 3] - true[:3, 3]) < 10
 
 
+def test_the_robots_own_script_detects_and_poses_what_its_camera_sees(servers, roscore, dataset):
+    command = [sys.executable, REPOSITORY / "tests/helpers/ros1_script.py", REPOSITORY / "ros/zeroshop/scripts/recognize"]
+    words = ["_detector:=/object_detector/contour", "_estimator:=/pose_estimator/render_compare", f"_objects:={CARTON_NAME}"]
+    environment = roscore | {"PYTHONPATH": f"{REPOSITORY / 'src'}:{REPOSITORY / 'tests'}"}
+    ended = subprocess.run([*command, *words], env=environment, capture_output=True, text=True, timeout=300)
+    assert ended.returncode == 0, ended.stderr
+    (posed,) = json.loads(ended.stdout.splitlines()[-1])
+    true = dataset.frames[0].instances[0].camera_from_model
+    assert posed["name"] == CARTON_NAME and np.linalg.norm(1000 * np.array(posed["position_m"]) - true[:3, 3]) < 10
+    words[0] = "_detector:=/object_detector/none"
+    ended = subprocess.run([*command, *words], env=environment, capture_output=True, text=True, timeout=300)
+    assert ended.returncode == 1 and "there is no action server /object_detector/none" in ended.stderr
+
+
 def test_bad_goals_are_answered_and_the_server_lives(servers, roscore, dataset, tmp_path):
     """The checks themselves are in test_goals.py; these goals go through ROS."""
     command = [sys.executable, REPOSITORY / "tests/helpers/ros1_bad_goals.py", dataset.scene]

@@ -117,7 +117,7 @@ use rule true_models as reconstructed_models with:
     benchmark:
         f"{BOP}/benchmarks/models_{{nvs}}.tsv"
     wildcard_constraints:
-        nvs=r"(?!scaled_|without_|delivered_)[^/.]+",  # other folders of models (robustness.smk, simulate.smk)
+        nvs=r"(?!scaled_|without_|delivered_|misjudged_)[^/.]+",  # other folders of models (robustness.smk, simulate.smk)
     message:
         "Gathering the models of {wildcards.dataset} that {wildcards.nvs} made"
 

@@ -1,7 +1,8 @@
 """Detect: views of the models from all sides, and what detectors find with them in a dataset's test set.
 
 results/DATASET/bop/templates/MODELS/VIEWS           MODELS: models or models_NVS (bop.smk); VIEWS: 42 or 642
-results/DATASET/bop/DETECTOR-MODELS/detections.json  precision.csv beside it scores it (bop.smk)
+results/DATASET/bop/DETECTOR-MODELS/detections.json  precision.csv beside it scores it (bop.smk); DETECTOR: also with the network that
+                                                     proposes regions to it, such as cnos_sam
 results/DATASET/bop/DETECTOR-MODELS/masks.json       the sure ones, without overlap: what poses are estimated from after CNOS
 """
 
@@ -10,15 +11,15 @@ MODELS = r"models(_[^/.]+)?"
 
 
 def detector_weights(
-    method,
+    name,
 ):
     """An input function: the weights of a detector, or an error that says how to get them; where it is recorded, those that are there."""
 
     def weights(
         wildcards,
     ):
-        usable("detector", method.name, DETECTORS, "The folder is named after the detector.")
-        files = [str(methods.WEIGHTS_FOLDER / file) for file in method.files]
+        usable("detector", name, ALL_DETECTORS, "The folder is named after the detector.")
+        files = [str(methods.WEIGHTS_FOLDER / file) for file in ALL_DETECTORS[name].files]
         return [file for file in files if Path(file).is_file()] if RECORDS_REFUSALS else files
 
     return weights
@@ -49,36 +50,36 @@ rule templates:
         " > {log} 2>&1"
 
 
-for method in DETECTORS.values():
+for name, method in ALL_DETECTORS.items():
 
     rule:
         name:
-            method.name
+            name
         input:
             models=f"{BOP}/{{models}}",
             templates=f"{BOP}/templates/{{models}}/42",
             scenes=f"{BOP}/test",
             targets=f"{BOP}/test_targets_bop19.json",
-            weights=detector_weights(method),
+            weights=detector_weights(name),
         output:
-            detections=f"{BOP}/{method.name}-{{models}}/detections.json",
+            detections=f"{BOP}/{name}-{{models}}/detections.json",
         log:
-            f"{BOP}/{method.name}-{{models}}/logs/detections.log",
+            f"{BOP}/{name}-{{models}}/logs/detections.log",
         benchmark:
-            f"{BOP}/{method.name}-{{models}}/benchmarks/detections.tsv"
+            f"{BOP}/{name}-{{models}}/benchmarks/detections.tsv"
         wildcard_constraints:
             models=MODELS,
         threads: method.threads
         resources:
             mem_mb=per_attempt(method.mem_mb),
             runtime=per_attempt(method.runtime_min),
-            gpu=int(method.gpu_mem_mb(config["detect"].get(method.name) or {}) > 0),
-            gpu_mem_mb=method.gpu_mem_mb(config["detect"].get(method.name) or {}),
+            gpu=int(method.gpu_mem_mb(detector_options(name)) > 0),
+            gpu_mem_mb=method.gpu_mem_mb(detector_options(name)),
         params:
             method=method.name,
-            options=step_options(config["detect"].get(method.name) or {}),
+            options=step_options(detector_options(name)),
         message:
-            f"Looking for the {{wildcards.models}} of {{wildcards.dataset}} by {method.name}"
+            f"Looking for the {{wildcards.models}} of {{wildcards.dataset}} by {name}"
         shell:
             "python -m zeroshop_steps.detect --method {params.method} --models {input.models} --templates {input.templates}"
             " --scenes {input.scenes} --targets {input.targets} {params.options} --out {output.detections}"
@@ -97,7 +98,7 @@ rule filter_masks:
     benchmark:
         f"{BOP}/{{detector}}-{{models}}/benchmarks/masks.tsv"
     wildcard_constraints:
-        detector="|".join(DETECTORS),
+        detector="|".join(ALL_DETECTORS),
         models=MODELS,
     resources:
         mem_mb=per_attempt(1000),

@@ -1,6 +1,6 @@
 """Tables and plots of grasps in simulation (simulate.smk).
 
-results/DATASET/tables/grasp.csv, grasp.md            the thesis's Table 4.6 in simulation
+results/DATASET/tables/grasp.csv, grasp.md            the thesis's Table 4.6 in simulation; for YCB-V also with heights as wrong as published
 results/DATASET/tables/grasp_scenes.csv               the scenes of several things alone
 results/DATASET/tables/grasp_robustness.csv           attempts with true models of a wrong scale, or without the underside
 results/DATASET/tables/grasp_scale.svg, grasp_underside.svg   its two plots
@@ -10,18 +10,22 @@ results/DATASET/tables/grasp_scale.svg, grasp_underside.svg   its two plots
 def robots_of(
     dataset,
 ):
-    """The folders of models that robots know in the table: the true ones, and those of every surface method that measures."""
+    """The folders of models that robots know in the table: the true ones, and those of every surface method that measures.
+
+    The latter also with the errors of the heights that the thesis published, where it published some of these objects.
+    """
     virtual_dataset(dataset, "Photos have no true models.")
-    return ["models", *(f"models_delivered_{nvs}" for nvs in measured_surfaces("the table of grasps"))]
+    kinds = ["delivered", "misjudged"] if published_errors(dataset) else ["delivered"]
+    return ["models", *(f"models_{kind}_{nvs}" for kind in kinds for nvs in measured_surfaces("the table of grasps"))]
 
 
 def attempts_of_table(
     wildcards,
 ):
-    """The attempts with every object of a dataset, by every robot."""
-    names = objects_of(wildcards.dataset)
-    robots = robots_of(wildcards.dataset)
-    return [f"{GRASPING}/{name}".format(dataset=wildcards.dataset, models=models) for models in robots for name in names]
+    """The attempts with every object of a dataset, by every robot; by those with wrong heights, with the objects that these are of."""
+    names, wrong = objects_of(wildcards.dataset), published_errors(wildcards.dataset)
+    robots = {models: wrong if "_misjudged_" in models else names for models in robots_of(wildcards.dataset)}
+    return [f"{GRASPING}/{name}".format(dataset=wildcards.dataset, models=models) for models, own in robots.items() for name in own]
 
 
 def sightings_of_table(

@@ -19,6 +19,10 @@ SURFACES_WITHOUT_CAMERAS = [name for name, method in methods.SURFACES.items() if
 BELOW_RESULTS = "" if RESULTS == "results" else f" --root {RESULTS}"
 # Those that find objects and poses, with the networks that the config names.
 DETECTORS = {name: with_own_weights("detect", name, method) for name, method in methods.DETECTORS.items()}
+# Each of them with each of the networks that can propose regions to it, whatever the config says: DETECTOR_NETWORK, such as cnos_sam.
+PROPOSING = {
+    f"{name}_{network}": (name, network) for name, method in methods.DETECTORS.items() for network in method.choices.get("proposals", {})
+}
 ESTIMATORS = {name: with_own_weights("pose", name, method) for name, method in methods.ESTIMATORS.items()}
 AXES = {
     "registrations": methods.REGISTRATIONS,
@@ -26,6 +30,17 @@ AXES = {
     "detectors": DETECTORS,
     "estimators": ESTIMATORS,
 }
+
+
+def detector_options(
+    name,
+):
+    """The options of a detector, or of one in PROPOSING, that the config gives."""
+    detector, network = PROPOSING.get(name, (name, None))
+    return (config["detect"].get(detector) or {}) | ({"proposals": network} if network else {})
+
+
+ALL_DETECTORS = DETECTORS | {name: methods.DETECTORS[own].with_options(detector_options(name)) for name, (own, _) in PROPOSING.items()}
 
 
 def table_axis(

@@ -15,8 +15,8 @@ def detections_of(
     usable("pose estimator", wildcards.estimator, ESTIMATORS, "The folder is named ESTIMATOR-MASKS-MODELS.")
     if wildcards.masks == "truth":
         return []
-    usable("detector", wildcards.masks, DETECTORS, "The folder is named ESTIMATOR-MASKS-MODELS.")
-    return f"{RESULTS}/{wildcards.dataset}/bop/{wildcards.masks}-{wildcards.models}/{DETECTORS[wildcards.masks].masks}"
+    usable("detector", wildcards.masks, ALL_DETECTORS, "The folder is named ESTIMATOR-MASKS-MODELS.")
+    return f"{RESULTS}/{wildcards.dataset}/bop/{wildcards.masks}-{wildcards.models}/{ALL_DETECTORS[wildcards.masks].masks}"
 
 
 def detections_option(
@@ -71,7 +71,7 @@ rule estimate_poses:
         f"{POSES}/benchmarks/poses.tsv"
     wildcard_constraints:
         estimator="|".join(ESTIMATORS),
-        masks="|".join(["truth", *DETECTORS]),
+        masks="|".join(["truth", *ALL_DETECTORS]),
         models=MODELS,
     threads: lambda wildcards: ESTIMATORS[wildcards.estimator].threads
     resources:
@@ -108,7 +108,7 @@ rule pose_pictures:
         f"{POSES}/benchmarks/pictures.tsv"
     wildcard_constraints:
         estimator="|".join(ESTIMATORS),
-        masks="|".join(["truth", *DETECTORS]),
+        masks="|".join(["truth", *ALL_DETECTORS]),
         models=MODELS,
     resources:
         mem_mb=per_attempt(2000),

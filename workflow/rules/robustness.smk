@@ -45,7 +45,9 @@ rule damaged_models:
     message:
         "Damaging the true models of {wildcards.dataset}: {wildcards.damage}"
     shell:
-        "python -m zeroshop_steps.bop --method damage_models --models {input.models} {params.damage} --out {output.models} > {log} 2>&1"
+        "python -m zeroshop_steps.bop --method damage_models --models {input.models} {params.damage} --out {output.models}"
+        f"{RECORDED_FOLDER}"
+        " > {log} 2>&1"
 
 
 rule robustness_table:

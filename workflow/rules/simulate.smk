@@ -3,11 +3,14 @@
 results/DATASET/OBJECT/body.npz                       the true object in convex parts, with its true mass
 results/DATASET/OBJECT/grasp_protocol                 its first images in the eight poses, a scene in BOP's layout
 results/DATASET/bop/models_delivered_NVS              the chosen cells' meshes as they were made, in their own frames and scales
+results/DATASET/bop/models_misjudged_NVS              the same, each as much too large or small as the height that the thesis published of it
 results/DATASET/bop/grasping/MODELS/OBJECT/attempts.csv   eight poses, with the usual friction and half of it; failures/ has pictures
 results/DATASET/bop/grasp_scenes                      several things on a table, clear and overlapping
 results/DATASET/bop/sightings/MODELS                  what the robot makes of them
-MODELS: models (true), models_delivered_NVS, or true ones damaged on purpose (robustness.smk)
+MODELS: models (true), models_delivered_NVS, models_misjudged_NVS, or true ones damaged on purpose (robustness.smk)
 """
+
+from zeroshop_steps.report.heights import read_published_heights
 
 GRASPING = f"{BOP}/grasping/{{models}}"
 SIGHTINGS = f"{BOP}/sightings/{{models}}"
@@ -27,7 +30,7 @@ def aligned_mesh(
     models,
 ):
     """The alignment of the robot's mesh of an object with the true model, in a list; an empty one where it is true, damaged or not."""
-    nvs = models.removeprefix("models_delivered_")
+    nvs = models.removeprefix("models_delivered_").removeprefix("models_misjudged_")
     cell = {"dataset": dataset, "object": name, "nvs": nvs, **config["chosen"]["virtual"]}
     return [] if nvs == models else [f"{CELL}/aligned.json".format(**cell)]
 
@@ -44,6 +47,22 @@ def alignments_of(
 ):
     """The same for all objects of a dataset."""
     return [path for name in objects_of(wildcards.dataset) for path in aligned_mesh(wildcards.dataset, name, wildcards.models)]
+
+
+def published_errors(
+    dataset,
+):
+    """Errors in per cent of the heights that the thesis estimated for a dataset's objects, by object: there are some of YCB-V."""
+    known = {found.ycbv_object: found.difference_percent for found in read_published_heights()} if dataset == "ycbv" else {}
+    return {name: known[name] for name in objects_of(dataset) if name in known}
+
+
+def errors_of_heights(
+    wildcards,
+):
+    """The option that gives the model of each of these objects such an error; those of the others stay as they are."""
+    errors = published_errors(wildcards.dataset)
+    return "--scale-percent-of " + " ".join(f"{int(name.removeprefix('obj_'))}={percent}" for name, percent in errors.items())
 
 
 rule physical_model:
@@ -80,6 +99,21 @@ use rule reconstructed_models as delivered_models with:
         frames="--own-frames",
     message:
         "Gathering the models of {wildcards.dataset} that {wildcards.nvs} made, as a robot gets them"
+
+
+use rule damaged_models as misjudged_models with:
+    input:
+        models=f"{BOP}/models_delivered_{{nvs}}",
+    output:
+        models=directory(f"{BOP}/models_misjudged_{{nvs}}"),
+    log:
+        f"{BOP}/logs/models_misjudged_{{nvs}}.log",
+    benchmark:
+        f"{BOP}/benchmarks/models_misjudged_{{nvs}}.tsv"
+    params:
+        damage=errors_of_heights,
+    message:
+        "Giving the models of {wildcards.dataset} that {wildcards.nvs} made the errors of the thesis's heights"
 
 
 rule protocol_images:

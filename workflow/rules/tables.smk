@@ -5,6 +5,8 @@ results/DATASET/tables/reconstruction.csv, .md        grades and figures of ever
 results/DATASET/tables/height.csv, height.svg         how far a printed board is off (thesis, Tables 4.3 and 4.4, Figure 4.8)
 results/DATASET/tables/masks.csv, film_height.csv     of films: masks frame by frame, heights by the printed board
 results/DATASET/tables/bop.csv, bop.md                detections and poses; bop.json: the settings that they were made with
+results/DATASET/tables/detectors.csv, detectors.md    CNOS and SAM-6D, each with regions by SAM and by FastSAM (thesis, 4.4.1)
+results/DATASET/tables/estimators.csv, estimators.md  FoundationPose beside SAM-6D, regions by SAM (thesis, 4.4.2)
 
 For the table of heights every object is measured twice: with the board beside it in its views (scene su_b), and by photos of the empty
 scene with the board, while its views (su_h) show none.
@@ -79,6 +81,22 @@ def scores_of_table(
     return [f"{RESULTS}/{wildcards.dataset}/bop/{run.replace('MODELS', models)}.csv" for models in folders for run in runs]
 
 
+def scores_of_comparison(
+    kind,
+    *runs,
+):
+    """An input function: scores of these runs with true models, with the same without underside, and with reconstructed ones."""
+
+    def scores(
+        wildcards,
+    ):
+        virtual_dataset(wildcards.dataset, "Photos have no test set.")
+        folders = ["models", "models_without_underside", *(f"models_{nvs}" for nvs in measured_surfaces(f"the table of {kind}"))]
+        return [f"{BOP}/{run}-{models}/{kind}.csv".format(**wildcards) for models in folders for run in runs]
+
+    return scores
+
+
 def settings_of_scores(
     wildcards,
 ):
@@ -102,6 +120,8 @@ localrules:
     mask_table,
     film_height_table,
     bop_table,
+    detector_table,
+    estimator_table,
 
 
 rule camera_table:
@@ -274,3 +294,37 @@ rule bop_table:
         " --settings {params.settings:q} --settings-out {output.settings}"
         f"{BELOW_RESULTS}"
         " --out {output.table} > {log} 2>&1"
+
+
+use rule bop_table as detector_table with:
+    input:
+        scores=scores_of_comparison("precision", *PROPOSING),
+    output:
+        table=f"{TABLES}/detectors.csv",
+        page=f"{TABLES}/detectors.md",
+        settings=f"{TABLES}/detectors.json",
+    log:
+        f"{TABLES}/logs/detectors.log",
+    benchmark:
+        f"{TABLES}/benchmarks/detectors.tsv"
+    params:
+        published="",
+        images=lambda wildcards: "--real-images" if has_real_tests(wildcards.dataset) else "",
+        settings=settings_of_scores,
+    message:
+        "Comparing detectors with regions by SAM and by FastSAM in {wildcards.dataset}"
+
+
+use rule detector_table as estimator_table with:
+    input:
+        scores=scores_of_comparison("scores", "foundationpose-cnos_sam", "sam6d_pem-sam6d_ism_sam"),
+    output:
+        table=f"{TABLES}/estimators.csv",
+        page=f"{TABLES}/estimators.md",
+        settings=f"{TABLES}/estimators.json",
+    log:
+        f"{TABLES}/logs/estimators.log",
+    benchmark:
+        f"{TABLES}/benchmarks/estimators.tsv"
+    message:
+        "Comparing FoundationPose with SAM-6D in {wildcards.dataset}"

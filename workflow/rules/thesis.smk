@@ -86,10 +86,10 @@ rule thesis:
         runtime=per_attempt(5),
     params:
         results=results_of_thesis,
-        recorded=os.path.relpath(PROJECT / "docs"),
+        recorded="--rehearsal" if config["thesis"]["rehearsal"] else f"--recorded {shlex.quote(os.path.relpath(PROJECT / 'docs'))}",
         there=thesis_there,
     message:
         "Putting the thesis's figures beside ours: open {output.page} in a browser"
     shell:
-        "python -m zeroshop_steps.report --method thesis --results {params.results} --recorded {params.recorded:q}"
+        "python -m zeroshop_steps.report --method thesis --results {params.results} {params.recorded}"
         " --table {output.table} --other-table {output.others} --out {output.page} > {log} 2>&1"

@@ -27,7 +27,8 @@ OVERLAP_SEGMENTED, OVERLAP_POSED = "objects segmented where they overlap, %", "o
 CLEAR_SEGMENTED, CLEAR_POSED = "objects segmented where they stand apart, %", "of those that stand apart, grasp poses that are right, %"
 SCENES = {"overlapping": (OVERLAP_SEGMENTED, OVERLAP_POSED), "clear": (CLEAR_SEGMENTED, CLEAR_POSED)}
 MEASURED, THESIS = "measured", "thesis"
-DELIVERED = "models_delivered_"
+DELIVERED, MISJUDGED = "models_delivered_", "models_misjudged_"
+"""What folders of meshes as they were made begin with, and of the same with heights as wrong as the thesis published."""
 RESULTS = {
     "no_mesh": "there is no mesh",
     "detect": "not detected",

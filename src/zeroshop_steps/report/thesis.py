@@ -14,12 +14,14 @@ from statistics import mean
 
 import pandas as pd
 
+from zeroshop_steps.report.bop import SHOWN
 from zeroshop_steps.report.heights import APART, THESIS, read_published_heights
 from zeroshop_steps.report.reconstruction import read_published_cells
 from zeroshop_steps.report.site.charts import scatter
 from zeroshop_steps.report.site.html import copy_assets, write_page
 from zeroshop_steps.report.thesis_entries import (
     DIFFERS,
+    REHEARSED,
     REPRODUCED,
     STATUSES,
     WAITING,
@@ -44,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--results", type=Path, nargs="*", default=[], help="folders of results, each with ycbv in it")
     parser.add_argument("--recorded", type=Path, help="folder of recorded tables, such as bop.csv, for what is missing")
+    parser.add_argument("--rehearsal", action="store_true", help="the networks know nothing: mark all figures, none counts as reproduced")
     parser.add_argument("--table", type=Path, required=True, help="CSV to write")
     parser.add_argument("--other-table", type=Path, required=True, help="CSV to write of our figures of another kind")
     parser.add_argument("--out", type=Path, required=True, help="index.html to write")
@@ -57,14 +60,15 @@ def run(args: argparse.Namespace) -> None:
     scores = find_scores(args.results, args.recorded)
     robust = find_rows(args.results, "robustness.csv", args.recorded)
     grasps = find_rows(args.results, "grasp.csv", args.recorded)
+    compared = {name: find_rows(args.results, f"{name}.csv", None) for name in ("detectors", "estimators")}
     films = find_films(args.results, {known.name for known in read_published_heights()})
-    marks, both_heights = list_marks(cells), pd.concat([real_heights, heights])
+    marks, both_heights = list_marks(cells, args.rehearsal), pd.concat([real_heights, heights])
     parts = {
         "4.1 and 4.2": marks,
-        "4.3 and 4.4": list_heights(both_heights),
-        "4.5": list_scores(scores),
+        "4.3 and 4.4": list_heights(both_heights, args.rehearsal),
+        "4.5": list_scores(scores, args.rehearsal),
         "4.6": list_grasps(),
-        "statements": list_statements(find_evidence(cells, heights, robust, films)),
+        "statements": list_statements(find_evidence(cells, heights, robust, films) | find_comparisons(compared)),
     }
     entries = [entry for part in parts.values() for entry in part]
     others = {
@@ -73,6 +77,7 @@ def run(args: argparse.Namespace) -> None:
         "scores": list_other_scores(scores),
         "grasps": list_other_grasps(grasps),
     }
+    statuses = [status for status in STATUSES if (status != REPRODUCED if args.rehearsal else status != REHEARSED)]
     write_table(args.table, [asdict(entry) for entry in entries])
     write_table(args.other_table, [asdict(other) for part in others.values() for other in part], [one.name for one in fields(Other)])
     copy_assets(args.out.parent / "assets")
@@ -80,7 +85,8 @@ def run(args: argparse.Namespace) -> None:
         args.out,
         "thesis.html",
         root="",
-        statuses=STATUSES,
+        statuses=statuses,
+        rehearsal=args.rehearsal,
         summary=[(name, Counter(entry.status for entry in part), len(part)) for name, part in parts.items()],
         total=Counter(entry.status for entry in entries),
         regimes=Counter(entry.regime for entry in entries if entry.regime),
@@ -93,11 +99,11 @@ def run(args: argparse.Namespace) -> None:
         other_short=args.other_table.name,
     )
     counts = Counter(entry.status for entry in entries)
-    print(f"{args.out}: {len(entries)} published figures: " + ", ".join(f"{counts[status]} {status}" for status in STATUSES))
+    print(f"{args.out}: {len(entries)} published figures: " + ", ".join(f"{counts[status]} {status}" for status in statuses))
 
 
 def make_mark_tables(marks: Sequence[Entry]) -> list[dict]:
-    """For each published row the marks, ours where reproduced, and how they compare over all cells, failed ones too."""
+    """For each published row the marks, ours where reproduced or rehearsed, and how they compare over all cells, failed ones too."""
     rows: dict[tuple[str, str], list[Entry]] = {}
     for entry in marks:
         rows.setdefault((entry.table, entry.row), []).append(entry)
@@ -105,10 +111,10 @@ def make_mark_tables(marks: Sequence[Entry]) -> list[dict]:
     for (table, row), entries in rows.items():
         ours, published = [entry.ours for entry in entries], [entry.published for entry in entries]
         statuses = Counter(entry.status for entry in entries)
-        words = {REPRODUCED: "reproduced", DIFFERS: "made, but not alike (below)", WAITING: f"waiting for {entries[-1].how}"}
+        words = {REPRODUCED: "reproduced", REHEARSED: "rehearsed", DIFFERS: "made, but not alike (below)", WAITING: f"waiting for {entries[-1].how}"}
         note = ", ".join(f"{statuses[status]} {text}" for status, text in words.items() if statuses[status])
         lines = [("published", published), ("ours", ours)]
-        counted = [(name, marks, count_good(marks), "" if name == "published" else compare(marks, published)) for name, marks in lines]
+        counted = [(name, marks, count_good(marks), "" if name == "published" or statuses[REHEARSED] else compare(marks, published)) for name, marks in lines]
         found.append({"table": table, "row": row, "objects": [entry.column for entry in entries], "note": note, "lines": counted})
     return found
 
@@ -184,6 +190,21 @@ def find_evidence(
         if len(rows):
             steps = "; ".join(f"{row.amount}: {float(row.value):.3f}" for row in rows[rows.measure == "ar"].itertuples())
             found[key] = (f"AR of render_compare with true models, {kind} changed: {steps}", rows.origin.iloc[0])
+    return found
+
+
+def find_comparisons(tables: Mapping[str, pd.DataFrame]) -> dict[str, tuple[str, str]]:
+    """What the tables of 4.4.1 (detectors) and 4.4.2 (estimators) say: the score of each method with each set of models."""
+    found = {}
+    for name, table in tables.items():
+        shown = table[table.measure.isin(SHOWN.values()) & (table.object == "")] if len(table) else table
+        if len(shown):
+            parts = []
+            for models, rows in shown.groupby("models", sort=False):
+                scores = ", ".join(f"{row.method} {float(row.value):.3f}" for row in rows.itertuples())
+                known = "ground truth" if models == "models" else str(models).removeprefix("models_").replace("_", " ")
+                parts.append(f"{known}: {scores}")
+            found[name] = (f"{shown.measure.iloc[0].upper()}, {'; '.join(parts)}", shown.origin.iloc[0])
     return found
 
 

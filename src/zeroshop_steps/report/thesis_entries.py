@@ -4,6 +4,7 @@
 where it differs from the published one in nothing that thesis_alike compares: dataset, images, count, registration, regime and inputs.
 Where the thesis's method made it and something differs, the status is `differs`, and ours stands in a table of its own kind
 (thesis_other), as figures of all other methods do. Otherwise it is `waiting` for what is named. Marks of failed cells count like others.
+In a rehearsal, whose networks know nothing, every figure that the thesis's method made stands in its place, as `rehearsed`.
 """
 
 from collections.abc import Mapping
@@ -20,8 +21,8 @@ from zeroshop_steps.report.thesis_own import CellKey, Own, Scores
 from zeroshop_steps.report.thesis_plan import REGISTRATIONS
 from zeroshop_steps.runtime.tables import read_table
 
-REPRODUCED, DIFFERS, WAITING, QUOTED = "reproduced", "differs", "waiting", "quoted"
-STATUSES = (REPRODUCED, DIFFERS, WAITING, QUOTED)
+REPRODUCED, REHEARSED, DIFFERS, WAITING, QUOTED = "reproduced", "rehearsed", "differs", "waiting", "quoted"
+STATUSES = (REPRODUCED, REHEARSED, DIFFERS, WAITING, QUOTED)
 WEIGHTS, GPU, ROBOT, CAPTURES = "weights", "weights, a GPU", "a robot", "the thesis's own films"
 TRELLIS = "weights, also those of Trellis, a GPU"
 GRASPS = Path(__file__).with_name("published_grasps.csv")
@@ -35,7 +36,7 @@ class Entry:
 
     Attributes:
         table: e.g. "4.1"; row and column: its place there.
-        published, ours: as text; ours is empty where it is not reproduced. Of statements, what our figures say.
+        published, ours: as text; ours is empty where it is neither reproduced nor rehearsed. Of statements, what our figures say.
         status: one of STATUSES; quoted: a figure that the thesis took from elsewhere.
         how: in what ours differs, or what it waits for.
         regime, source: of ours (thesis_own).
@@ -52,24 +53,28 @@ class Entry:
     source: str = ""
 
 
-def list_marks(cells: Mapping[CellKey, Own]) -> list[Entry]:
+def _enter(place: tuple[str, str, str, str], ours: str, differs: str, regime: str, source: str, rehearsal: bool) -> Entry:
+    """A published figure for which the thesis's method made one of ours, which differs in this or, where it is empty, in nothing."""
+    status = REHEARSED if rehearsal else DIFFERS if differs else REPRODUCED
+    return Entry(*place, ours="" if status == DIFFERS else ours, status=status, how=differs, regime=regime, source=source)
+
+
+def list_marks(cells: Mapping[CellKey, Own], rehearsal: bool = False) -> list[Entry]:
     """Tables 4.1 and 4.2."""
-    return [_mark(row, cells) for row in read_published_cells().to_dict("records")]
+    return [_mark(row, cells, rehearsal) for row in read_published_cells().to_dict("records")]
 
 
-def _mark(row: dict, cells: Mapping[CellKey, Own]) -> Entry:
+def _mark(row: dict, cells: Mapping[CellKey, Own], rehearsal: bool) -> Entry:
     registration = row["registration"].removeprefix("thesis: ")
     title = f"{row['nvs']}, {registration}, {row['scene']}"
     place = (row["source"].removeprefix("Table "), title, row["object"], row["grade"])
     own = cells.get((row["object"], row["scene"], REGISTRATIONS[registration], row["nvs"]))
     if own is None:
         return Entry(*place, how=GPU if "full" in registration else WEIGHTS)
-    if own.differs:
-        return Entry(*place, status=DIFFERS, how=own.differs, regime=own.regime, source=own.source)
-    return Entry(*place, ours=own.value, status=REPRODUCED, regime=own.regime, source=own.source)
+    return _enter(place, own.value, own.differs, own.regime, own.source, rehearsal)
 
 
-def list_heights(heights: pd.DataFrame) -> list[Entry]:
+def list_heights(heights: pd.DataFrame, rehearsal: bool = False) -> list[Entry]:
     """Tables 4.3 and 4.4: the error of each height in per cent, by MASt3R from films of an object of this name."""
     rows = heights[heights.difference_percent != ""].to_dict("records") if len(heights) else []
     made = {row["object"]: row for row in rows if row["dataset"] != "ycbv" and row["how"] == MAST3R}
@@ -81,11 +86,11 @@ def list_heights(heights: pd.DataFrame) -> list[Entry]:
             found.append(Entry(*place, how=CAPTURES))
         else:
             how = METHODS["mast3r height"]
-            found.append(Entry(*place, status=DIFFERS, how=how, regime=row["regime"], source=row["origin"]))
+            found.append(_enter(place, row["difference_percent"], how, row["regime"], row["origin"], rehearsal))
     return found
 
 
-def list_scores(scores: Scores) -> list[Entry]:
+def list_scores(scores: Scores, rehearsal: bool = False) -> list[Entry]:
     """Table 4.5."""
     table, found = scores.table, []
     for row in read_published().to_dict("records"):
@@ -107,11 +112,7 @@ def list_scores(scores: Scores) -> list[Entry]:
             continue
         own = same.iloc[0]
         differs = compare_score(row, scores.made, scores.instances, scores.counts.get(row["models"]), scores.differs(row["models"]))
-        if differs:
-            found.append(Entry(*place, status=DIFFERS, how="; ".join(differs), regime=own.regime, source=own.origin))
-        else:
-            value = f"{float(own.value):.3f}"
-            found.append(Entry(*place, ours=value, status=REPRODUCED, regime=own.regime, source=own.origin))
+        found.append(_enter(place, f"{float(own.value):.3f}", "; ".join(differs), own.regime, own.origin, rehearsal))
     return found
 
 

@@ -7,6 +7,7 @@ import pandas as pd
 
 from zeroshop_steps.methods import TITLES
 from zeroshop_steps.report.bop import SHOWN, read_published
+from zeroshop_steps.report.grasping import DELIVERED, MISJUDGED
 from zeroshop_steps.report.heights import MAST3R, read_published_heights
 from zeroshop_steps.report.thesis_alike import METHODS, compare_score
 from zeroshop_steps.report.thesis_own import CellKey, Own, Scores
@@ -95,7 +96,11 @@ def list_other_grasps(grasps: pd.DataFrame) -> list[Other]:
     rows = grasps[(grasps.object == "") & (grasps.models != "models")].to_dict("records") if len(grasps) else []
     for row in rows:
         friction = f", friction {row['friction']}" if row["friction"] else ""
-        differs = "a simulated robot with a hand that floats, on rendered images, with YCB-V's objects, contour and render_compare"
-        models = row["models"].removeprefix("models_delivered_")
+        models, wrong = row["models"].removeprefix(DELIVERED), row["models"].startswith(MISJUDGED)
+        heights = "heights as wrong as published, of objects that have one" if wrong else "true heights"
+        models = f"{models.removeprefix(MISJUDGED)}, wrong heights" if wrong else models
+        differs = (
+            f"a simulated robot with a hand that floats, on rendered images, with YCB-V's objects, contour and render_compare; {heights}"
+        )
         found.append(Other("grasps", f"{models}{friction}", row["measure"], row["value"], differs, row["regime"], row["origin"]))
     return found
