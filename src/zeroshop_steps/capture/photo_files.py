@@ -94,6 +94,10 @@ def read_photo(path: Path, max_side_px: int) -> PhotoPixels:
     with open_picture(path) as image:
         stored_px, stored_as = image.size, str(image.format)
         check_size(path, stored_px)
+        if image.mode == "F":
+            raise StepError(
+                f"image {path} has floating-point pixels, whose range of brightness it does not say; export it again as JPEG or PNG"
+            )
         orientation = int(image.getexif().get(ExifTags.Base.Orientation, UPRIGHT))
         if max(stored_px) > max_side_px:
             image.draft("RGB", (max_side_px, max_side_px))
@@ -125,7 +129,9 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
     except PermissionError as error:
         raise StepError(f"image {path} cannot be read: {error.strerror}. {remedy_for(error)}") from None
     except (OSError, SyntaxError, ValueError, EOFError) as error:
-        raise StepError(f"image {path} cannot be read: it is empty, damaged or not an image ({error}); export it again as JPEG") from None
+        raise StepError(
+            f"image {path} cannot be read: it is empty, damaged or not an image ({error}); export it again as JPEG or PNG"
+        ) from None
     finally:
         Image.MAX_IMAGE_PIXELS = limit
 
