@@ -38,7 +38,7 @@ def read_compressed_depth(message: Any) -> np.ndarray:
         raw = _decode(what, form, content[start:], cv2.IMREAD_UNCHANGED)
     else:
         raise StepError(f"{what} has the format {form!r}; expected PNG or RVL: set the publisher's compressedDepth/format to png")
-    if raw.ndim != 2 or raw.dtype not in (np.uint8, np.uint16):
+    if raw.ndim != 2 or raw.dtype != np.uint16:
         raise StepError(f"{what} has the format {form!r} and other pixels than 16 bits in one channel; set compressedDepth/format to png")
     if not form.startswith("32FC1"):
         return depth_to_mm(raw, 1.0, what)
