@@ -79,10 +79,10 @@ def scaled(factor: float) -> Callable[[Estimates], Estimates]:
     return lambda true: replace(true, translations_mm=true.translations_mm * factor)
 
 
-def read_detection(folder: Path, segmentation: dict) -> int:
+def read_detection(folder: Path, segmentation: dict, image_id: int = 0) -> int:
     """Score one detection with this segmentation."""
     shutil.copytree(make_once()[0], folder / "bop")
-    entry = {"scene_id": 1, "image_id": 0, "category_id": 1, "score": 1.0, "bbox": [0, 0, 5, 5], "segmentation": segmentation}
+    entry = {"scene_id": 1, "image_id": image_id, "category_id": 1, "score": 1.0, "bbox": [0, 0, 5, 5], "segmentation": segmentation}
     (folder / "found.json").write_text(json.dumps([entry]))
     places = {"targets": "test_targets_bop19.json", "scenes": "test"}
     options = {name: folder / "bop" / place for name, place in places.items()}
@@ -154,6 +154,11 @@ FAULTS = [
         "a camera for an image of width 1",
         lambda folder: score(folder, of_cameras("cam_K", [0.9, 0, 0.5, 0, 1.2, 0.5, 0, 0, 1])),
         (r"scene_camera\.json: cam_K of image 0 has the focal lengths 0\.9 and 1\.2", "pixels"),
+    ),
+    Fault(
+        "detections in images of another test",
+        lambda folder: read_detection(folder, {"size": [1, 2], "counts": [1, 1]}, image_id=77),
+        (r"found\.json: none of the 1 detections names a target", "scene 1, image 77, object 1"),
     ),
     Fault("diameter 0", lambda folder: score(folder, of_can("diameter", 0)), (r"models_info\.json: at 2 / diameter", "minimum")),
     Fault(
