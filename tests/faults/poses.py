@@ -147,6 +147,11 @@ FAULTS = [
             ),
             ("in another format", with_depth(lambda depth: depth, ".pgm"), (r"000000\.pgm is of a format that is not read", r"\.png")),
             ("of half the size", with_depth(lambda depth: depth[::2, ::2]), (r"depth/000000\.png is \d+ x \d+ px, its colour", "align")),
+            (
+                "in micrometres",
+                of_cameras("depth_scale", 1e3),
+                ("scene 1, image 0 is .* mm in the median", r"correct depth_scale in .*\.json"),
+            ),
             ("in metres", of_cameras("depth_scale", 1e-4), ("scene 1, image 0 is .* mm in the median", "metres", r"scene_camera\.json")),
         )
     ),

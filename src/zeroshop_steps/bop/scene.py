@@ -25,6 +25,7 @@ from zeroshop_steps.runtime.files import read_json, write_json
 HALF_PX = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 """The project's intrinsics minus BOP's: the project counts pixels from their corners, BOP from their centres."""
 IMAGE_SUFFIXES = (".png", ".jpg", ".tif")
+FARTHEST_MM = 1e5  # median depth above which millimetres were taken for metres
 LEAST_FOCAL_PX = 10.0  # less is that of a camera matrix for an image of width 1
 
 
@@ -152,14 +153,20 @@ def check_depth(depth_mm: np.ndarray, frame: Frame, photo_px: tuple[int, int] | 
     """Check the (height, width) depth of a frame against the (width, height) of its photo, if it has one.
 
     Raises:
-        StepError: they have other sizes, or depth is in metres.
+        StepError: they have other sizes, or depth has another unit than it says.
     """
     if photo_px is not None and depth_mm.shape[::-1] != photo_px:
         raise StepError(
             f"{frame.image_path('depth') or 'the depth image'} is {depth_mm.shape[1]} x {depth_mm.shape[0]} px, its colour image is"
             f" {photo_px[0]} x {photo_px[1]} px; align depth with colour first"
         )
-    if (depth_mm > 0).any() and (middle_mm := float(np.median(depth_mm[depth_mm > 0]))) < NEAREST_MM:
+    middle_mm = float(np.median(depth_mm[depth_mm > 0])) if (depth_mm > 0).any() else NEAREST_MM
+    if middle_mm > FARTHEST_MM:
+        raise StepError(
+            f"the depth of {frame.name} is {middle_mm:.3g} mm in the median: that looks like millimetres that are taken for metres; write"
+            f" metres into images of floats, and in files correct depth_scale in {frame.folder / 'scene_camera.json'}"
+        )
+    if middle_mm < NEAREST_MM:
         raise StepError(
             f"the depth of {frame.name} is {middle_mm:.3g} mm in the median: that looks like metres. Multiply it by 1000; in files,"
             f" depth_scale in {frame.folder / 'scene_camera.json'} is millimetres per step of the depth image"
