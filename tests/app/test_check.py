@@ -26,7 +26,12 @@ def test_photos_that_share_too_little_are_told(tmp_path, step_px, lonely):
     assert any("share so little" in line for line in warnings) == lonely
 
 
+def test_photos_of_which_none_can_be_read_are_named(tmp_path):
+    (tmp_path / "a.jpg").touch()
+    assert check_capture(tmp_path) == (["left out, cannot be read: a.jpg; export them as JPEG"], [])
+
+
 def test_a_folder_without_photos_is_a_fault_like_others(tmp_path):
     (tmp_path / "notes.txt").write_text("none")
     [fault], warnings = check_capture(tmp_path)
-    assert "holds no images" in fault and not warnings
+    assert "holds no images" in fault and "it holds notes.txt: name a film itself" in fault and not warnings

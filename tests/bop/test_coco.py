@@ -38,6 +38,13 @@ def test_a_whole_dataset_is_read(tmp_path: Path, folder: str, capsys: pytest.Cap
     assert read_detections(path) == []
 
 
+def test_run_lengths_may_be_floats(tmp_path: Path) -> None:
+    """As some writers of JSON make of all numbers."""
+    entry = ENTRY | {"segmentation": {"size": [4, 5], "counts": [3.0, 2.0, 15.0]}}
+    assert decode_mask(read_detections(write(tmp_path / "found.json", [entry]))[0].require_mask()).sum() == 2
+    assert read_detections(write(tmp_path / "found.json", [entry | {"segmentation": None}]))[0].mask is None
+
+
 @pytest.mark.parametrize(
     ("content", "says"),
     [

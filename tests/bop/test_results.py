@@ -60,6 +60,15 @@ def test_a_bad_row_is_named(tmp_path, row, message):
         read_estimates(path)
 
 
+def test_spaces_in_the_header_do_not_matter_and_another_encoding_is_named(tmp_path):
+    path = tmp_path / "poses.csv"
+    path.write_text(f"{HEADER.replace(',', ', ')}\n{GOOD}\n")
+    assert len(read_estimates(path)) == 1
+    path.write_text(f"{HEADER}\n{GOOD}\n", encoding="utf-16")
+    with pytest.raises(StepError, match=r"poses\.csv is text in UTF-16; save it as CSV in UTF-8"):
+        read_estimates(path)
+
+
 def test_repeated_rows_count_as_in_the_official_loader(tmp_path, capsys):
     path = tmp_path / "poses.csv"
     path.write_text(f"{HEADER}\n{GOOD}\n{GOOD}\n")

@@ -24,7 +24,7 @@ def taken(shoot: Shoot) -> float:
 @pytest.mark.parametrize(
     "name",
     ["{stem}.PNG", "{stem}_mask.png", "{stem}.mask.png", "{name}", "mask_{stem}.png", "{name}.png", "{stem}.tif", "{name}_seg.webp",
-     "{lower}-Mask.png", "mask_{number}.png", "{number}.bmp", "object-{name}.mask.PNG"],
+     "{lower}-Mask.png", "mask_{number}.png", "{number}.bmp", "object-{name}.mask.PNG", "{stem}_mask.gif"],
 )  # fmt: skip
 def test_masks_are_found_by_one_scheme_of_names(tmp_path, name):
     shoot = Shoot(tmp_path, 9)
@@ -126,11 +126,12 @@ def test_masks_of_any_two_levels_are_taken(shoot, kind, capsys):
     assert (f"9 of 9 masks are taken as {said}" in told) if said else ("masks are taken as" not in told)
 
 
-def test_dim_masks_that_were_compressed_are_taken(shoot):
+def test_dim_masks_that_were_compressed_are_taken(shoot, capsys):
     for index in range(9):
         shoot.mask(index).unlink()
         as_levels(0, 100)(shoot.disk()).save(shoot.masks / f"{shoot.image(index).stem}.jpg", quality=80)
     assert taken(shoot) > 0.97
+    assert "9 of 9 masks are taken as grey, parted half way" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("scale", [0.5, 1.6])
@@ -154,6 +155,18 @@ def test_a_turned_photo_takes_a_mask_of_another_size_as_stored_or_as_shown(shoot
     shoot.take()
     for index in range(9):
         assert compute_overlap(read_mask(shoot.out / f"masks/{index:06d}.png"), np.rot90(shoot.disk(x=50), -1)) > 0.95
+
+
+def test_which_way_a_mask_is_drawn_is_said_where_its_size_does_not_tell(shoot, capsys):
+    """Orientation 3: the photo is turned upside down, and its mask as it is stored or as it is shown has one size."""
+    with Image.open(shoot.image(2)) as image:
+        exif = image.getexif()
+        exif[0x0112] = 3
+        image.save(shoot.image(2), exif=exif)
+    write_mask(shoot.mask(2), shoot.disk(x=50))
+    shoot.take()
+    assert np.array_equal(read_mask(shoot.out / "masks/000002.png"), shoot.disk(x=50)[::-1, ::-1])
+    assert "1 of 9 masks are taken as drawn on the photos before they are turned (EXIF orientation 3)" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("spoil", [lambda disk: ~disk, lambda disk: ~disk & (np.arange(WIDTH) < WIDTH - 1)])
@@ -187,10 +200,12 @@ def cut_out(shoot, index, suffix, **options):
 
 
 @pytest.mark.parametrize("suffix", [".webp", ".tif", ".palette.png", ".avif"])
-def test_cut_outs_of_every_format_bring_their_masks(shoot, suffix):
+def test_cut_outs_of_every_format_bring_their_masks(shoot, suffix, tmp_path, capsys):
     for index in range(9):
         cut_out(shoot, index, suffix)
     assert is_cut_out(shoot.images)
+    import_photos(shoot.images, None, 9, tmp_path / "without")
+    assert "background of the photos is transparent; to use it as masks, name" in capsys.readouterr().err
     shoot.masks = shoot.images
     assert taken(shoot) > 0.97
 

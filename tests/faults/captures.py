@@ -40,6 +40,19 @@ def one_without(folder: Path) -> int:
     return step("capture", "photos", images=photos, masks=folder / "masks", out=folder / "capture")
 
 
+def one_inverted(folder: Path) -> int:
+    """A mask of the background among seven of the object."""
+    return masks_as("{stem}.png", lambda photo: (DISK if photo.stem != "3" else ~DISK).astype(np.uint8) * 255)(folder)
+
+
+def arrays_as_masks(folder: Path) -> int:
+    """Masks as NumPy's arrays, and a folder of more."""
+    photos = take_photos(folder)
+    (folder / "masks/more").mkdir(parents=True)
+    np.save(folder / "masks/0.npy", DISK)
+    return step("capture", "photos", images=photos, masks=folder / "masks", out=folder / "capture")
+
+
 def inverted_palette(folder: Path) -> int:
     """Palettes whose index 0 is the object."""
     photos = take_photos(folder)
@@ -69,6 +82,8 @@ FAULTS = [
     Fault(
         "no photo is cut out", no_own_masks, (r"0\.jpg is given as its own mask", "nothing in it is transparent", "remove its background")
     ),
+    Fault("one inverted mask", one_inverted, (r"mask .*3\.png marks the border nearly all around", "invert it", "7 of them usable")),
+    Fault("arrays as masks", arrays_as_masks, (r"it holds 0\.npy, more/;", r"expected for 0\.jpg one of 0\.png")),
     Fault("one mask is missing", one_without, (r"7\.jpg has no mask", r"named for it as 0\.jpg\.png is for 0\.jpg", "draw one")),
     Fault(
         "a mask of half the width",

@@ -80,6 +80,11 @@ def name_in_latin_1(photos: Path) -> None:
 
 
 FAULTS = [
+    Fault(
+        "a photo of floats",
+        capture_with(lambda photos: Image.fromarray(np.ones((HEIGHT_PX, WIDTH_PX), np.float32)).save(photos / "x.tif")),
+        (r"x\.tif has floating-point pixels", "export it again as JPEG or PNG"),
+    ),
     Fault("a name in Latin-1", capture_with(name_in_latin_1), (r"Gr\\xfc\\xdfe\.jpg is not UTF-8", "rename it")),
     *(
         Fault(

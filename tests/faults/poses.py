@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
 
+import cv2
 import numpy as np
 
 from helpers.faults import Fault, step
@@ -78,10 +79,10 @@ def scaled(factor: float) -> Callable[[Estimates], Estimates]:
     return lambda true: replace(true, translations_mm=true.translations_mm * factor)
 
 
-def read_detection(folder: Path, segmentation: dict) -> int:
+def read_detection(folder: Path, segmentation: dict, image_id: int = 0) -> int:
     """Score one detection with this segmentation."""
     shutil.copytree(make_once()[0], folder / "bop")
-    entry = {"scene_id": 1, "image_id": 0, "category_id": 1, "score": 1.0, "bbox": [0, 0, 5, 5], "segmentation": segmentation}
+    entry = {"scene_id": 1, "image_id": image_id, "category_id": 1, "score": 1.0, "bbox": [0, 0, 5, 5], "segmentation": segmentation}
     (folder / "found.json").write_text(json.dumps([entry]))
     places = {"targets": "test_targets_bop19.json", "scenes": "test"}
     options = {name: folder / "bop" / place for name, place in places.items()}
@@ -90,6 +91,23 @@ def read_detection(folder: Path, segmentation: dict) -> int:
 
 def nothing(folder: Path) -> None:
     """The dataset as it is."""
+
+
+def with_depth(change: Callable[[np.ndarray], np.ndarray], suffix: str = ".png") -> Callable[[Path], None]:
+    """Other depth images."""
+
+    def spoil(folder: Path) -> None:
+        for path in sorted((folder / "test/000001/depth").iterdir()):
+            depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+            path.unlink()
+            cv2.imwrite(str(path.with_suffix(suffix)), change(depth))
+
+    return spoil
+
+
+def of_cameras(key: str, value: Any) -> Callable[[Path], None]:
+    """One key of all images in scene_camera.json."""
+    return change_json("test/000001/scene_camera.json", lambda listed: [camera.update({key: value}) for camera in listed.values()] and None)
 
 
 CAN_NAME = r"object 2 in .*models_info\.json"
@@ -113,6 +131,39 @@ FAULTS = [
             ("is zero", np.zeros((4, 4))),
             ("shears", np.eye(4) + np.eye(4, k=1) * [[1], [0], [0], [0]]),
         )
+    ),
+    *(
+        Fault(f"depth {name}", lambda folder, spoil=spoil: score(folder, spoil), says)
+        for name, spoil, says in (
+            (
+                "of 8 bits",
+                with_depth(lambda depth: (depth >> 8).astype(np.uint8)),
+                (r"depth/000000\.png has 1 channel.* uint8", "16-bit PNG"),
+            ),
+            (
+                "of floats",
+                with_depth(lambda depth: depth.astype(np.float32), ".tif"),
+                (r"000000\.tif has 1 channel.* float32", "16-bit PNG"),
+            ),
+            ("in another format", with_depth(lambda depth: depth, ".pgm"), (r"000000\.pgm is of a format that is not read", r"\.png")),
+            ("of half the size", with_depth(lambda depth: depth[::2, ::2]), (r"depth/000000\.png is \d+ x \d+ px, its colour", "align")),
+            (
+                "in micrometres",
+                of_cameras("depth_scale", 1e3),
+                ("scene 1, image 0 is .* mm in the median", r"correct depth_scale in .*\.json"),
+            ),
+            ("in metres", of_cameras("depth_scale", 1e-4), ("scene 1, image 0 is .* mm in the median", "metres", r"scene_camera\.json")),
+        )
+    ),
+    Fault(
+        "a camera for an image of width 1",
+        lambda folder: score(folder, of_cameras("cam_K", [0.9, 0, 0.5, 0, 1.2, 0.5, 0, 0, 1])),
+        (r"scene_camera\.json: cam_K of image 0 has the focal lengths 0\.9 and 1\.2", "pixels"),
+    ),
+    Fault(
+        "detections in images of another test",
+        lambda folder: read_detection(folder, {"size": [1, 2], "counts": [1, 1]}, image_id=77),
+        (r"found\.json: none of the 1 detections names a target", "scene 1, image 77, object 1"),
     ),
     Fault("diameter 0", lambda folder: score(folder, of_can("diameter", 0)), (r"models_info\.json: at 2 / diameter", "minimum")),
     Fault(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.mesh_files import read_mesh
 from zeroshop_steps.geometry.mesh_rendering import sample_texture
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.ply_surface import read_ply
@@ -117,6 +118,7 @@ def test_several_textures_become_one(tmp_path: Path) -> None:
         ("float red,float green,float blue", [float(value) for value in RED]),
         ("ushort red,ushort green,ushort blue", [value * 257 for value in RED]),
         ("uchar r,uchar g,uchar b", RED),
+        ("uchar Red,uchar Green,uchar Blue", RED),
     ],
 )
 def test_colours_of_vertices(tmp_path: Path, properties: str, values: list) -> None:
@@ -175,6 +177,17 @@ def test_a_texture_is_named_in_many_ways(tmp_path: Path, remark: str) -> None:
     content = path.read_bytes().replace(f"{remark}\n".encode(), b"")
     path.write_bytes(content.replace(b"end_header", f"{remark}\nend_header".encode()))
     assert read_ply(path).is_textured, "after the elements"
+
+
+def test_coordinates_without_an_image_and_images_without_faces_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [[*corner, *uv] for corner, uv in zip(CORNERS, UV, strict=True)]
+    read_mesh(write(tmp_path, rows, f"{XYZ},float s,float t"))
+    assert "mesh.ply has texture coordinates, but no image for them, and is used without colour; its header" in capsys.readouterr().err
+    for name in ("A.PNG", "b.png"):
+        add_texture(tmp_path, name)
+    names = ("comment TextureFile a.png", "comment TextureFile b.png")
+    assert read_mesh(write(tmp_path, rows, f"{XYZ},float s,float t", remarks=names)).is_textured, "a.png is A.PNG, as on Windows"
+    assert "names 2 textures, but no texnumber says which faces have which; A.PNG is drawn on all" in capsys.readouterr().err
 
 
 def test_quality_of_other_programs_is_no_class_of_the_surface(tmp_path: Path) -> None:

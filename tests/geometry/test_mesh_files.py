@@ -75,12 +75,33 @@ def test_parts_with_and_without_texture_share_one_image(tmp_path: Path) -> None:
     assert (10, 20, 30) in colors and (200, 100, 50) in colors
 
 
+SQUARE = "v 0 0 0\nv 90 0 0\nv 90 90 0\nvt 0 0\nvt 1 0\nvt 1 1\n{}f 1/1 2/2 3/3\n"
+
+
+@pytest.mark.parametrize("line", ["map_Kd t.png", "map_Kd -clamp on T.PNG", "map_Kd -s 1 1 1 -o 0.0 0.0 t.png", r"map_Kd .\t.png"])
+def test_a_texture_of_mtl_is_named_in_many_ways(tmp_path: Path, line: str) -> None:
+    Image.new("RGB", (8, 8), (200, 100, 50)).save(tmp_path / "t.png")
+    (tmp_path / "a.mtl").write_text(f"newmtl x\nKd 0 0 0\n{line}\n")
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\n" + SQUARE.format("usemtl x\n"))
+    assert (read_mesh(tmp_path / "a.obj").texture == (200, 100, 50)).all()
+
+
+@pytest.mark.parametrize("lines", ["", "usemtl x\n", "mtllib a.mtl\n", "mtllib a.mtl\nusemtl y\n"])
+def test_faces_of_no_known_material_are_plain_and_told(tmp_path: Path, lines: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Image.new("RGB", (8, 8)).save(tmp_path / "t.png")
+    (tmp_path / "a.mtl").write_text("newmtl x\nmap_Kd t.png\n")
+    (tmp_path / "a.obj").write_text(SQUARE.format(lines))
+    assert not read_mesh(tmp_path / "a.obj").is_colored
+    assert r"a.obj has texture coordinates, but no image for them" in (told := capsys.readouterr().err) and "mtllib and usemtl" in told
+
+
 @pytest.mark.parametrize(
     ("name", "content", "says"),
     [
         ("a.obj", f"mtllib ../secret.mtl\n{TRIANGLE}f 1 2 3\n", r"a\.obj names the file \.\./secret\.mtl, which is outside"),
         ("b.obj", f"mtllib b.mtl\n{TRIANGLE}vt 0 0\nf 1/1 2/1 3/1\n", r"b\.obj names the file .*secret\.png, which is outside"),
         ("c.obj", f"mtllib none.mtl\n{TRIANGLE}f 1 2 3\n", r"c\.obj names none\.mtl, but .* does not exist"),
+        ("z.obj", "mtllib z.mtl\n" + SQUARE.format("usemtl x\n"), r"texture .*empty\.png of mesh .*z\.obj is empty, damaged"),
         ("d.obj", "v 0 0 0\nv 9 0 0\n", r"d\.obj has no faces"),
         ("e.obj", "", r"e\.obj"),
         ("f.glb", "no glTF", r"f\.glb cannot be read as glTF"),
@@ -93,6 +114,8 @@ def test_what_cannot_be_used_is_named(tmp_path: Path, name: str, content: str, s
     Image.new("RGB", (4, 4)).save(tmp_path / "secret.png")
     (tmp_path / "secret.mtl").write_text("newmtl x\nKd 1 0 0\n")
     (folder / "b.mtl").write_text(f"newmtl x\nmap_Kd {tmp_path / 'secret.png'}\n")
+    (folder / "z.mtl").write_text("newmtl x\nmap_Kd empty.png\n")
+    (folder / "empty.png").touch()
     (folder / name).write_text(content)
     with pytest.raises(StepError, match=says):
         read_mesh(folder / name)
@@ -118,6 +141,6 @@ def test_compression_is_refused_by_name(tmp_path: Path, name: str) -> None:
 
 def test_ply_is_preferred(tmp_path: Path) -> None:
     assert find_mesh(tmp_path / "obj_000001") is None
-    for suffix in (".glb", ".ply"):
+    for suffix in (".STL", ".glb", ".ply"):
         (tmp_path / f"obj_000001{suffix}").touch()
         assert find_mesh(tmp_path / "obj_000001") == tmp_path / f"obj_000001{suffix}"

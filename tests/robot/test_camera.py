@@ -52,13 +52,19 @@ def test_rectified_images_are_left_alone_and_have_another_matrix():
     lens = read_lens(camera_message(*BENT[0], P=projection.ravel()), 128, 96, True)
     assert lens.maps is None and lens.intrinsics.tolist() == projection[:, :3].tolist()
     assert read_lens(camera_message("plumb_bob", [1e-5, 0, 0, 0, 0]), 128, 96, False).maps is None, "not seen"
-    with pytest.raises(StepError, match="distortion 'thin_prism' with 5 coefficients; expected plumb_bob"):
+    with pytest.raises(StepError, match="distortion 'thin_prism' with 5 coefficients; expected finite numbers of plumb_bob \\(4 or 5\\)"):
         read_lens(camera_message("thin_prism", [1.0] * 5), 128, 96, False)
+    with pytest.raises(StepError, match="expected finite numbers"):
+        read_lens(camera_message("plumb_bob", [np.nan] * 5), 128, 96, False)
 
 
 @pytest.mark.parametrize(
     ("width", "matrix", "reason"),
-    [(1280, MATRIX, "about images of 1280 x 480 px, the goal's are 640 x 480 px"), (640, [0] * 9, "no focal length")],
+    [
+        (1280, MATRIX, "about images of 1280 x 480 px, the goal's are 640 x 480 px"),
+        (640, [0] * 9, "no focal length"),
+        (640, [np.nan] * 9, "no number"),
+    ],
 )
 def test_another_or_no_camera_is_refused(width, matrix, reason):
     with pytest.raises(StepError, match=reason):

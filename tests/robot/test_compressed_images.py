@@ -87,11 +87,18 @@ def test_compressed_depth_in_metres_is_inverse(kind: str, write) -> None:
 @pytest.mark.parametrize(
     ("read", "form", "content", "reason"),
     [
-        (read_depth, "16UC1; compressedDepth h264", HEADER + b"x" * 40, "format '16UC1; compressedDepth h264'; expected PNG or RVL: set"),
+        (
+            read_depth,
+            "16UC1; compressedDepth h264",
+            HEADER + b"x" * 40,
+            "format '16UC1; compressedDepth h264' and 52 bytes without a PNG; expected",
+        ),
         (read_depth, "16UC1; compressedDepth rvl", HEADER + b"x" * 4, "4 bytes, too few for a width.*record it again"),
         (read_depth, "16UC1; compressedDepth rvl", HEADER + b"x" * 40, "its header says that it has"),
         (read_depth, "16UC1; compressedDepth rvl", HEADER + encode_rvl(DEPTH_MM)[:-400], "ends (after|within)"),
         (read_depth, "32FC1; compressedDepth png", encode(DEPTH_MM), "no header that says how"),
+        (read_depth, "32FC1; compressedDepth png", HEADER + encode(DEPTH_MM), "no header that says how"),
+        (read_depth, "16UC1; compressedDepth png", HEADER + encode((DEPTH_MM >> 4).astype(np.uint8)), "other pixels than 16 bits"),
         (read_depth, "16UC1; compressedDepth png", HEADER + encode(PHOTO), "other pixels than 16 bits"),
         (read_color, "jpeg", b"", "0 bytes that are no picture"),
         (read_color, "h264", b"x" * 30, "format 'h264' and 30 bytes that are no picture; expected JPEG"),

@@ -93,7 +93,9 @@ def check_capture(source: Path) -> tuple[list[str], list[str]]:
             raise
         return [str(error)], []
     warnings = [f"left out, cannot be read: {', '.join(unusable)}; export them as JPEG"] if unusable else []
-    warnings += collect_image_warnings(names, sharpness, levels, blurs_px) if names else []
+    if not names:
+        return warnings or ["no picture can be read"], []
+    warnings += collect_image_warnings(names, sharpness, levels, blurs_px)
     if len(distinct) < MIN_IMAGES:
         found = f"only {len(distinct)} pictures differ from each other"
         return [f"{found}, {MIN_IMAGES} are needed: move around the object"], warnings

@@ -178,11 +178,11 @@ def _compress(path: Path, index: int, mask: dict) -> dict:
             counts = _decode_counts(counts)
         except IndexError:
             raise StepError(f"{path}: entry {index}: the run lengths of its segmentation end within a number; is the file whole?") from None
-    if any(not isinstance(count, int) or count < 0 for count in counts) or sum(counts) != height * width:
+    if any(not isinstance(count, int | float) or count < 0 or count % 1 for count in counts) or sum(counts) != height * width:
         raise StepError(
             f"{path}: entry {index}: the run lengths of its segmentation add up to {sum(counts)}, its size is {height} x {width}"
         )
-    return coco_masks.frPyObjects({"size": [height, width], "counts": counts}, height, width)
+    return coco_masks.frPyObjects({"size": [height, width], "counts": list(map(int, counts))}, height, width)
 
 
 def _decode_counts(text: str) -> list[int]:

@@ -60,9 +60,12 @@ def read_estimates(path: Path) -> Estimates:
         raise StepError(f"result file {path} does not exist")
     blocks = []
     with path.open("rb") as file:
-        start = len(codecs.BOM_UTF8) if file.read(len(codecs.BOM_UTF8)) == codecs.BOM_UTF8 else 0
+        mark = file.read(len(codecs.BOM_UTF8))
+        if mark.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            raise StepError(f"result file {path} is text in UTF-16; save it as CSV in UTF-8")
+        start = len(codecs.BOM_UTF8) if mark == codecs.BOM_UTF8 else 0
         file.seek(start)
-        line = first_line = 2 if file.readline(LINE_BYTES).strip() == HEADER.encode() else 1
+        line = first_line = 2 if file.readline(LINE_BYTES).replace(b" ", b"").strip() == HEADER.encode() else 1
         if first_line == 1:
             file.seek(start)
         while lines := file.readlines(BLOCK_BYTES):

@@ -13,16 +13,20 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.bop.poses import check_rotations, check_translations, make_transform
+from zeroshop_steps.bop.poses import NEAREST_MM, check_rotations, check_translations, make_transform
 from zeroshop_steps.bop.schema import read_validated
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.depth_images import depth_to_mm
+from zeroshop_steps.geometry.image_files import read_size_px
 from zeroshop_steps.geometry.images import decode_image, read_image, read_mask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
 
 HALF_PX = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 """The project's intrinsics minus BOP's: the project counts pixels from their corners, BOP from their centres."""
+IMAGE_SUFFIXES = (".png", ".jpg", ".tif")
+FARTHEST_MM = 1e5  # median depth above which millimetres were taken for metres
+LEAST_FOCAL_PX = 10.0  # less is that of a camera matrix for an image of width 1
 
 
 @dataclass(frozen=True)
@@ -71,8 +75,11 @@ class Frame:
     def image_path(self, kind: str, instance: int | None = None) -> Path | None:
         """The path of its `rgb`, `gray` or `depth`, or of an instance's `mask` or `mask_visib`; None if there is no such file."""
         stem = f"{self.image_id:06d}" + ("" if instance is None else f"_{instance:06d}")
-        found = (self.folder / kind / f"{stem}{suffix}" for suffix in (".png", ".jpg", ".tif"))
-        return next((path for path in found if path.is_file()), None)
+        found = (self.folder / kind / f"{stem}{suffix}" for suffix in IMAGE_SUFFIXES)
+        path = next((path for path in found if path.is_file()), None)
+        if path is None and (others := sorted((self.folder / kind).glob(f"{stem}.*"))):
+            raise StepError(f"image {others[0]} is of a format that is not read here; export it as {', '.join(IMAGE_SUFFIXES)}")
+        return path
 
     def photo_path(self) -> Path:
         """The path of its colour image, otherwise of its gray one. Raises StepError if there is neither."""
@@ -109,9 +116,14 @@ class Frame:
                 " its dataset; add it"
             )
         raw = decode_image(path, cv2.IMREAD_UNCHANGED)
-        if raw.ndim != 2 or raw.dtype not in (np.uint8, np.uint16):
-            raise StepError(f"depth image {path} cannot be read as one channel of whole numbers; export it again as 16-bit PNG")
-        return depth_to_mm(raw, self.depth_scale, f"depth image {path}")
+        if raw.ndim != 2 or raw.dtype != np.uint16:
+            raise StepError(
+                f"depth image {path} has {1 if raw.ndim == 2 else raw.shape[2]} channel(s) of {raw.dtype}; expected one of whole numbers of"
+                " 16 bits: export it again as 16-bit PNG"
+            )
+        depth_mm = depth_to_mm(raw, self.depth_scale, f"depth image {path}")
+        check_depth(depth_mm, self, None if (photo := self.image_path("rgb") or self.image_path("gray")) is None else read_size_px(photo))
+        return depth_mm
 
     def mask(self, instance: int, kind: str = "mask_visib") -> np.ndarray:
         """(height, width) bool: an instance's visible pixels, or with `mask` its whole silhouette. Raises StepError without the file."""
@@ -128,14 +140,37 @@ class Frame:
         for kind in ("depth", "rgb", "gray"):
             path = self.image_path(kind)
             if path is not None:
-                image = decode_image(path, cv2.IMREAD_UNCHANGED)
-                return image.shape[1], image.shape[0]
+                return read_size_px(path)
         return None
 
     def camera(self, width_px: int, height_px: int) -> Camera:
         """The project's camera of this image; its world frame is the camera's own."""
         shift = np.eye(3) + HALF_PX
         return Camera(f"{self.image_id:06d}.png", width_px, height_px, shift @ self.intrinsics, np.eye(4))
+
+
+def check_depth(depth_mm: np.ndarray, frame: Frame, photo_px: tuple[int, int] | None) -> None:
+    """Check the (height, width) depth of a frame against the (width, height) of its photo, if it has one.
+
+    Raises:
+        StepError: they have other sizes, or depth has another unit than it says.
+    """
+    if photo_px is not None and depth_mm.shape[::-1] != photo_px:
+        raise StepError(
+            f"{frame.image_path('depth') or 'the depth image'} is {depth_mm.shape[1]} x {depth_mm.shape[0]} px, its colour image is"
+            f" {photo_px[0]} x {photo_px[1]} px; align depth with colour first"
+        )
+    middle_mm = float(np.median(depth_mm[depth_mm > 0])) if (depth_mm > 0).any() else NEAREST_MM
+    if middle_mm > FARTHEST_MM:
+        raise StepError(
+            f"the depth of {frame.name} is {middle_mm:.3g} mm in the median: that looks like millimetres that are taken for metres; write"
+            f" metres into images of floats, and in files correct depth_scale in {frame.folder / 'scene_camera.json'}"
+        )
+    if middle_mm < NEAREST_MM:
+        raise StepError(
+            f"the depth of {frame.name} is {middle_mm:.3g} mm in the median: that looks like metres. Multiply it by 1000; in files,"
+            f" depth_scale in {frame.folder / 'scene_camera.json'} is millimetres per step of the depth image"
+        )
 
 
 def read_scene(folder: Path, truth_needed: bool = True) -> dict[int, Frame]:
@@ -219,8 +254,11 @@ def _make_frame(folder: Path, number: int, camera: dict, instances: list[dict], 
             " that one step of the depth image means"
         )
     intrinsics = np.array(camera["cam_K"], float).reshape(3, 3)
-    if intrinsics[0, 0] <= 0 or intrinsics[1, 1] <= 0:
-        raise StepError(f"{folder / 'scene_camera.json'}: cam_K of image {number} has no positive focal lengths; expected K row by row")
+    if min(intrinsics[0, 0], intrinsics[1, 1]) < LEAST_FOCAL_PX:
+        raise StepError(
+            f"{folder / 'scene_camera.json'}: cam_K of image {number} has the focal lengths {intrinsics[0, 0]:g} and {intrinsics[1, 1]:g};"
+            " expected pixels, and K row by row"
+        )
     world = None
     if "cam_R_w2c" in camera and "cam_t_w2c" in camera:
         world = make_transform(np.array(camera["cam_R_w2c"], float).reshape(3, 3), np.array(camera["cam_t_w2c"], float))

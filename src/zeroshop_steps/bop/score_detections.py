@@ -11,6 +11,7 @@ from zeroshop_steps.bop.detections import read_detections
 from zeroshop_steps.bop.precision import average_precision
 from zeroshop_steps.bop.score_poses import ROW
 from zeroshop_steps.bop.targets import read_target_frames, read_targets, size_finder
+from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import write_table
 
 KINDS = {"masks": ("segm", ""), "boxes": ("bbox", "box_")}
@@ -31,6 +32,13 @@ def run(args: argparse.Namespace) -> None:
     """Score one result file."""
     frames = read_target_frames(args.scenes, targets := read_targets(args.targets), args.targets)
     detections = read_detections(args.detections, size_finder(frames))
+    asked = {(target.scene_id, target.im_id, target.obj_id) for target in targets}
+    if detections and not any((found.scene_id, found.image_id, found.object_id) in asked for found in detections):
+        first = detections[0]
+        raise StepError(
+            f"{args.detections}: none of the {len(detections)} detections names a target of {args.targets}; the first names scene"
+            f" {first.scene_id}, image {first.image_id}, object {first.object_id}. Both must belong to one test set, and count alike"
+        )
     rows: list[dict] = []
     summary = []
     for kind in args.of:

@@ -85,7 +85,9 @@ def _part(levels: np.ndarray, path: Path, lossless: bool) -> tuple[np.ndarray, s
     marked: np.ndarray = levels > limit
     if levels.dtype == bool or limit == MIDDLE:
         return marked, ""
-    return marked, f"level {high:g} on the object" if len(values) == 2 else f"levels above {limit:g} on the object"
+    if len(values) == 2:
+        return marked, f"level {high:g} on the object"
+    return marked, f"levels above {limit:g} on the object" if len(objects) else "grey, parted half way between their two levels"
 
 
 def _find_limit(levels: np.ndarray, path: Path) -> float:
@@ -115,21 +117,24 @@ def _fit(mask: np.ndarray, own_orientation: int, path: Path, photo_path: Path, p
     """A mask as stored, upright and of its photo's size as it is used, and whether it was scaled, in words."""
     stored_px, drawn_px = photo.stored_px, mask.shape[::-1]
     shown_px = stored_px[::-1] if photo.orientation in TRANSPOSED else stored_px
-    shown = None
+    shown, turned = None, ""
     if own_orientation != UPRIGHT:
         upright = turn_upright(mask, own_orientation)
         shown = upright if _agree(upright.shape[::-1], shown_px) else None
+    elif drawn_px == stored_px == shown_px and photo.orientation != UPRIGHT:
+        shown = turn_upright(mask, photo.orientation)
+        turned = f"drawn on the photos before they are turned (EXIF orientation {photo.orientation})"
     elif drawn_px == stored_px or (drawn_px != shown_px and _agree(drawn_px, stored_px)):
         shown = turn_upright(mask, photo.orientation)
     elif _agree(drawn_px, shown_px):
         shown = mask
     if shown is None:
-        hint = " (the photo is stored turned: export both again)" if _agree(drawn_px, stored_px[::-1]) else ""
+        hint = " (one of the two is stored turned: export both again)" if _agree(drawn_px, stored_px[::-1]) else ""
         raise StepError(
             f"mask {path} is {drawn_px[0]} x {drawn_px[1]} px, its image {photo_path.name} is {stored_px[0]} x {stored_px[1]} px;"
             f" they must be equal, or have one aspect{hint}"
         )
-    scaled = "" if sorted(drawn_px) == sorted(stored_px) else f"scaled from {drawn_px[0]} x {drawn_px[1]} px to the photo's size"
+    scaled = turned if sorted(drawn_px) == sorted(stored_px) else f"scaled from {drawn_px[0]} x {drawn_px[1]} px to the photo's size"
     if shown.shape[::-1] == photo.size_px:
         return shown, scaled
     how = Image.Resampling.BOX if shown.shape[1] > photo.size_px[0] else Image.Resampling.BILINEAR

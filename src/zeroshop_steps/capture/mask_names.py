@@ -11,7 +11,7 @@ from zeroshop_steps.geometry.image_files import list_folder
 from zeroshop_steps.geometry.images import IMAGE_SUFFIXES
 from zeroshop_steps.runtime.errors import StepError
 
-MASK_SUFFIXES = (*IMAGE_SUFFIXES, *CONVERTED_SUFFIXES)
+MASK_SUFFIXES = (*IMAGE_SUFFIXES, *CONVERTED_SUFFIXES, ".gif")
 EXAMPLES = ("{stem}.png", "{name}.png", "{stem}_mask.png", "{stem}.mask.png", "mask_{stem}.png")
 WORD = "mask"
 LEAST_ALIKE = 2  # masks that a scheme other than x.png must name; a single name may look like a photo's by chance
@@ -45,14 +45,16 @@ def find_masks(photos: Sequence[Path], folder: Path) -> MaskNames:
     """
     if not folder.is_dir():
         raise StepError(f"mask folder {folder} does not exist; give one mask a photo, named like it but .png")
-    files = [path for path in list_folder(folder) if path.suffix.lower() in MASK_SUFFIXES]
+    there = list_folder(folder)
+    files = [path for path in there if path.suffix.lower() in MASK_SUFFIXES]
     schemes = _find_schemes(photos, files)
     if not schemes:
         names = ", ".join(example.format(stem=photos[0].stem, name=photos[0].name) for example in EXAMPLES)
-        there = (
-            f"it holds {', '.join(path.name for path in files[:3])}" + (" ..." if len(files) > 3 else "") if files else "it holds no images"
+        listed = [path.name + "/" * path.is_dir() for path in files or there]
+        held = ", ".join(listed[:3]) + " ..." * (len(listed) > 3) if listed else "nothing"
+        raise StepError(
+            f"no mask in {folder} is named like a photo: it holds {held}; expected for {photos[0].name} one of {names}, for all alike"
         )
-        raise StepError(f"no mask in {folder} is named like a photo: {there}; expected for {photos[0].name} one of {names}, for all alike")
     found = max(schemes.items(), key=_rank)[1]
     if all(
         mask == photo or mask == mask.with_name(f"{photo.stem}{mask.suffix}") and mask.suffix.lower() == ".png"

@@ -29,6 +29,7 @@ PIXEL_DENSITIES = ExifTags.Base.FocalPlaneXResolution, ExifTags.Base.FocalPlaneY
 """EXIF tags that count a photo's pixels, and those on a unit of the sensor: they say where the focal length lies in pixels."""
 JPEG_QUALITY = 97
 OPAQUE = 128  # of 255; half a pixel at the object's edge
+LISTED = 3  # files of a folder without photos that are named
 ASKED_PHOTOS = 8  # whether their background is transparent
 LEVELS_OF_16_BITS = 257  # per level of 8 bits
 
@@ -71,6 +72,8 @@ def list_photos(folder: Path) -> tuple[list[Path], list[Path]]:
         more = f"; {odd[0].name} is in a format that cannot be read: export it as JPEG" if odd else ""
         below = [path.name for path in files if any(one.suffix.lower() in IMAGE_SUFFIXES for one in path.glob("*"))]
         more += f"; there are some one folder below, in {' and '.join(below)}: name the folder with the photos" if below else ""
+        there = [path.name for path in files if path.is_file()][:LISTED]
+        more += f"; it holds {', '.join(there)}: name a film itself, not its folder" if there and not more else ""
         raise StepError(f"{folder} holds no images; expected files ending in {', '.join((*IMAGE_SUFFIXES, *CONVERTED_SUFFIXES))}{more}")
     return photos, odd
 
@@ -94,6 +97,10 @@ def read_photo(path: Path, max_side_px: int) -> PhotoPixels:
     with open_picture(path) as image:
         stored_px, stored_as = image.size, str(image.format)
         check_size(path, stored_px)
+        if image.mode == "F":
+            raise StepError(
+                f"image {path} has floating-point pixels, whose range of brightness it does not say; export it again as JPEG or PNG"
+            )
         orientation = int(image.getexif().get(ExifTags.Base.Orientation, UPRIGHT))
         if max(stored_px) > max_side_px:
             image.draft("RGB", (max_side_px, max_side_px))
@@ -125,7 +132,9 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
     except PermissionError as error:
         raise StepError(f"image {path} cannot be read: {error.strerror}. {remedy_for(error)}") from None
     except (OSError, SyntaxError, ValueError, EOFError) as error:
-        raise StepError(f"image {path} cannot be read: it is empty, damaged or not an image ({error}); export it again as JPEG") from None
+        raise StepError(
+            f"image {path} cannot be read: it is empty, damaged or not an image ({error}); export it again as JPEG or PNG"
+        ) from None
     finally:
         Image.MAX_IMAGE_PIXELS = limit
 

@@ -30,7 +30,7 @@ from zeroshop_steps.capture.frames import (
 from zeroshop_steps.capture.given_cameras import FILE, read_given_cameras
 from zeroshop_steps.capture.mask_files import UserMask, read_user_mask
 from zeroshop_steps.capture.mask_names import MaskNames, find_masks, split_masks
-from zeroshop_steps.capture.photo_files import MAX_SIDE_PX, choose_suffix, list_photos, read_photo, write_upright
+from zeroshop_steps.capture.photo_files import MAX_SIDE_PX, choose_suffix, is_cut_out, list_photos, read_photo, write_upright
 from zeroshop_steps.capture.selection import find_blurred, thin_out
 from zeroshop_steps.geometry.images import list_images, measure_border_share, read_image, write_image, write_mask
 from zeroshop_steps.geometry.view_similarity import count_common_features, describe_view
@@ -183,10 +183,10 @@ def _read(path: Path, names: MaskNames | None, masks: Path, max_side_px: int, de
 def _tell_masks(names: MaskNames | None, beside: list[Path], images: Path) -> list[str]:
     """What is taken as masks, where it is not the usual."""
     if names is None:
-        hint = (
-            f"left out, masks among the photos: {_join_names([path.name for path in beside])}; to use them, name {images} as their folder"
-        )
-        return [hint] if beside else []
+        use = f"to use {'them' if beside else 'it as masks'}, name {images} as their folder"
+        if beside:
+            return [f"left out, masks among the photos: {_join_names([path.name for path in beside])}; {use}"]
+        return [f"the background of the photos is transparent; {use}"] if is_cut_out(images) else []
     return ["masks are taken by their names: {1} for {0}, and all others alike".format(*names.example)] if names.example else []
 
 
@@ -209,6 +209,8 @@ def _find_mask_fault(mask: UserMask) -> str:
         return f"mask {mask.path} is {how}: mark the object, brighter than the rest, or take the photo out"
     if share > LARGEST_SHARE:
         return f"mask {mask.path} is full: {share:.0%} of the image is marked. Mark only the object; it must fit into the photo."
+    if measure_border_share(mask.pixels) > INVERTED_BORDER:
+        return f"mask {mask.path} marks the border nearly all around: invert it, if it marks the background; else the object is too close"
     return ""
 
 
@@ -240,7 +242,7 @@ def _leave_out(photos: list[Photo], min_images: int, most_images: int) -> tuple[
 def _find_view_problems(photos: list[Photo], min_images: int) -> tuple[list[str], list[str]]:
     """Problems and warnings that only the set of photos shows: copies of one view, and the object cut off."""
     problems, warnings = [], []
-    alike = _find_twins(photos, look_alike)
+    alike = _find_twins(photos, lambda one, other: look_alike(one.thumbnail, other.thumbnail))
     distinct = len(photos) - len(alike)
     if distinct < min_images:
         problems.append(
@@ -258,23 +260,34 @@ def _find_view_problems(photos: list[Photo], min_images: int) -> tuple[list[str]
     return problems, warnings
 
 
-def _find_twins(photos: list[Photo], alike: Callable[[np.ndarray, np.ndarray], bool]) -> dict[int, int]:
-    """The numbers of the photos whose thumbnail is like that of one before, and the number of that."""
+def _find_twins(photos: list[Photo], alike: Callable[[Photo, Photo], bool]) -> dict[int, int]:
+    """The numbers of the photos that are like one before, and the number of that."""
     twins: dict[int, int] = {}
     for number, photo in enumerate(photos):
-        before = (other for other in range(number) if other not in twins and alike(photo.thumbnail, photos[other].thumbnail))
+        before = (other for other in range(number) if other not in twins and alike(photo, photos[other]))
         if (twin := next(before, None)) is not None:
             twins[number] = twin
     return twins
 
 
 def _find_worse_copies(photos: list[Photo]) -> dict[int, int]:
-    """The numbers of the photos of which another encoding is better, and that of the best: it has more pixels, or else more detail."""
+    """The numbers of the photos of which another encoding is better, and that of the best: of more pixels, or else lossless, or sharper."""
+
+    def rank(number: int) -> tuple[int, bool, float]:
+        # The edges of its blocks make a bad JPEG look sharp.
+        return math.prod(photos[number].size_px), choose_suffix(photos[number].path) == ".png", photos[number].sharpness
+
     groups: dict[int, list[int]] = {}
-    for number, twin in _find_twins(photos, is_copy).items():
+    for number, twin in _find_twins(photos, _are_one_photo).items():
         groups.setdefault(twin, [twin]).append(number)
-    best = [max(group, key=lambda number: (math.prod(photos[number].size_px), photos[number].sharpness)) for group in groups.values()]
+    best = [max(group, key=rank) for group in groups.values()]
     return {number: kept for kept, group in zip(best, groups.values(), strict=True) for number in group if number != kept}
+
+
+def _are_one_photo(one: Photo, other: Photo) -> bool:
+    """Whether two files are of one photo. Encodings that differ much are told from photos of the same view by their common name."""
+    likes = look_alike if one.path.stem.casefold() == other.path.stem.casefold() else is_copy
+    return likes(one.thumbnail, other.thumbnail)
 
 
 def _name_twins(photos: list[Photo], twins: dict[int, int]) -> str:

@@ -12,8 +12,7 @@ import numpy as np
 from zeroshop_steps import __version__
 from zeroshop_steps.bop.detections import Detection, encode_mask, mask_to_box, write_detections
 from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
-from zeroshop_steps.bop.poses import NEAREST_MM
-from zeroshop_steps.bop.scene import Frame, list_scenes, read_scene
+from zeroshop_steps.bop.scene import Frame, check_depth, list_scenes, read_scene
 from zeroshop_steps.bop.targets import read_target_frames, read_targets
 from zeroshop_steps.detect.templates import Templates, read_templates
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
@@ -86,16 +85,7 @@ def read_depth(frame: Frame, photo: np.ndarray, remedy: str) -> np.ndarray:
     if not frame.has_depth:
         raise StepError(f"{frame.folder / 'depth'} has no image {frame.image_id:06d} ({frame.name}), {remedy}")
     depth_mm = frame.depth_mm()
-    if depth_mm.shape != photo.shape[:2]:
-        raise StepError(
-            f"{frame.image_path('depth') or 'the depth image'} is {depth_mm.shape[1]} x {depth_mm.shape[0]} px, its colour image is"
-            f" {photo.shape[1]} x {photo.shape[0]} px; align depth with colour first"
-        )
-    if (depth_mm > 0).any() and (middle_mm := float(np.median(depth_mm[depth_mm > 0]))) < NEAREST_MM:
-        raise StepError(
-            f"the depth of {frame.name} is {middle_mm:.3g} mm in the median: that looks like metres. Multiply it by 1000; in files,"
-            f" depth_scale in {frame.folder / 'scene_camera.json'} is millimetres per step of the depth image"
-        )
+    check_depth(depth_mm, frame, (photo.shape[1], photo.shape[0]))
     return depth_mm
 
 

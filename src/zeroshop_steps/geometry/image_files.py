@@ -55,6 +55,15 @@ def check_photo_file(path: Path) -> None:
     check_size(path, (width_px, height_px))
 
 
+def read_size_px(path: Path) -> tuple[int, int]:
+    """The (width, height) of an image, from its header. Raises StepError where it is none."""
+    try:
+        with Image.open(path) as image:
+            return image.size
+    except (OSError, Image.DecompressionBombError) as error:
+        raise StepError(f"image {path} cannot be read: it is empty, damaged or not an image ({error}); export it again") from None
+
+
 def check_size(path: Path, size_px: tuple[int, int]) -> None:
     """Raise StepError where a photo's (width, height) is too small for features."""
     if min(size_px) < LEAST_SIDE_PX:

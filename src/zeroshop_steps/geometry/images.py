@@ -157,5 +157,7 @@ def decode_image(path: Path, flags: int) -> np.ndarray:
             raise
         raise StepError(f"image {path} is larger than OpenCV reads (2^30 pixels, 2^20 on a side); export it smaller") from None
     if image is None:
-        raise StepError(f"image {path} cannot be read: it is empty, damaged or not an image; export it again as PNG or JPEG")
+        raise StepError(
+            f"image {path} cannot be read: it is empty, damaged or of a format that is not read; export it again as PNG or JPEG"
+        )
     return image

@@ -1,7 +1,9 @@
 """Meshes that users have: PLY, and through trimesh OBJ, glTF, STL and OFF."""
 
+import io
 import json
 import logging
+import re
 import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -21,6 +23,8 @@ SUFFIXES = (".ply", ".obj", *GLTF, ".stl", ".off")
 """Formats, the preferred one first."""
 READABLE = ("KHR_materials_", "KHR_lights_", "KHR_xmp", "KHR_texture_basisu", "EXT_texture_webp", "KHR_draco_mesh_compression")
 """Extensions of glTF that may be in a file, as long as it does not require them: they change no shape, or have a substitute."""
+TEXTURE_OPTIONS = re.compile(r"(-(clamp|blend[uv]|cc) (on|off) +|-(bm|boost|texres|imfchan) \S+ +|-s( 1(\.0*)?)+ +|-[ot]( 0(\.0*)?)+ +)+")
+"""Options of a texture in MTL that leave it where it is; with others, such as a scale, its line names no file."""
 MM_PER_METRE, LARGEST_M = 1000.0, 3.0
 """OBJ has no unit and glTF is in metres, but both are often in millimetres: what measures less than 3 across is in metres."""
 
@@ -34,7 +38,7 @@ def read_mesh(path: Path) -> Mesh:
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix == ".ply":
-        return read_ply(path)
+        return _tell_untextured(path, read_ply(path))
     if suffix not in SUFFIXES:
         raise StepError(f"mesh {path} is of no format that is read: {', '.join(SUFFIXES)}; export it as PLY")
     if not path.is_file():
@@ -42,7 +46,7 @@ def read_mesh(path: Path) -> Mesh:
     if suffix in GLTF:
         _check_gltf(path)
     try:
-        mesh = join_parts(_read_parts(path))
+        mesh = _tell_untextured(path, join_parts(_read_parts(path)))
     except StepError:
         raise
     except Exception as error:
@@ -56,7 +60,8 @@ def read_mesh(path: Path) -> Mesh:
 
 def find_mesh(stem: Path) -> Path | None:
     """The mesh of this path without its suffix, in the first of `SUFFIXES` that is there; None if there is none."""
-    return next((path for suffix in SUFFIXES if (path := stem.with_name(stem.name + suffix)).is_file()), None)
+    files = [path for path in stem.parent.glob("*") if path.stem == stem.name and path.suffix.lower() in SUFFIXES and path.is_file()]
+    return min(files, key=lambda path: (SUFFIXES.index(path.suffix.lower()), path.name), default=None)
 
 
 def list_mesh_files(path: Path) -> list[Path]:
@@ -76,6 +81,15 @@ def write_copy(source: Path, mesh: Mesh, folder: Path) -> None:
     else:
         write_image(target, mesh.texture_image)
     write_ply(folder / "model.ply", mesh, target.name)
+
+
+def _tell_untextured(path: Path, mesh: Mesh) -> Mesh:
+    if mesh.uv is not None and not mesh.is_colored:
+        how = "its header needs a line such as comment TextureFile NAME.png"
+        if path.suffix.lower() != ".ply":
+            how = "its lines mtllib and usemtl must name a material that has an image"
+        warn(f"mesh {path} has texture coordinates, but no image for them, and is used without colour; {how}")
+    return mesh
 
 
 def _read_parts(path: Path) -> list[SurfacePart]:
@@ -114,20 +128,35 @@ class _FolderFiles(Mapping):
         from urllib.parse import unquote
 
         try:
-            text = str(name).strip()
+            text = TEXTURE_OPTIONS.sub("", str(name).strip())
             found = find_beside(self.path, text, "the file")
             if not found.is_file() and self.path.suffix.lower() in GLTF:
                 found = find_beside(self.path, unquote(text), "the file")
             if not found.is_file():
                 raise StepError(f"mesh {self.path} names {text}, but {found} does not exist; put it there, or remove that line")
+            content = found.read_bytes()
+            if found.suffix.lower() not in (".mtl", ".bin"):
+                _check_texture(self.path, found, content)
         except StepError as error:
             self.refused.append(error)
             raise
-        return found.read_bytes()
+        return content
+
+
+def _check_texture(path: Path, texture: Path, content: bytes) -> None:
+    """Raise StepError where a texture cannot be read, without which trimesh would go on."""
+    from PIL import Image
+
+    try:
+        Image.open(io.BytesIO(content)).load()
+    except (OSError, SyntaxError, ValueError):
+        raise StepError(f"texture {texture} of mesh {path} is empty, damaged or no image; export it as PNG or JPEG") from None
 
 
 def _to_part(loaded: Any) -> SurfacePart:
     """A trimesh with its texture, or with the colours of its material, vertices or faces."""
+    from trimesh.visual.material import SimpleMaterial
+
     surface = Mesh(np.asarray(loaded.vertices, float), np.asarray(loaded.faces, np.int64))
     visual = loaded.visual
     if visual.kind == "face":
@@ -137,6 +166,9 @@ def _to_part(loaded: Any) -> SurfacePart:
     if visual.kind != "texture":
         return SurfacePart(surface)
     material = visual.material
+    if isinstance(material, SimpleMaterial) and material.image is not None and not material.image.format:
+        # What trimesh makes up for faces whose material is not named, or not there.
+        return SurfacePart(replace(surface, uv=np.asarray(visual.uv, float)[:, :2]))
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     factor = next((found for name in ("baseColorFactor", "diffuse") if (found := getattr(material, name, None)) is not None), None)
     tint = np.ones(3) if factor is None else np.asarray(factor, float)[:3] / (255.0 if np.asarray(factor).dtype.kind in "iu" else 1.0)

@@ -11,7 +11,7 @@ from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.ply_tables import Element, Lists, PlyTables, read_ply_tables, read_remarks
 from zeroshop_steps.geometry.surface_parts import SurfacePart, join_parts
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.errors import StepError, warn
 
 CORNERS = ("vertex_indices", "vertex_index")
 TEXTURE_COORDINATES = (("texture_u", "texture_v"), ("s", "t"), ("u", "v"), ("texture_s", "texture_t"))
@@ -91,6 +91,10 @@ def _by_texture(whole: SurfacePart, numbers: np.ndarray | None, textures: list[P
     """The part of each texture, and that of faces without one."""
     if not textures:
         return [whole]
+    if numbers is None and len(textures) > 1:
+        warn(
+            f"mesh {path} names {len(textures)} textures, but no texnumber says which faces have which; {textures[0].name} is drawn on all"
+        )
     if numbers is None or (len(textures) == 1 and not (numbers < 0).any()):
         return [_textured(whole, read_image(textures[0]))]
     if numbers.max() >= len(textures):
@@ -130,6 +134,8 @@ def find_textures(path: Path, remarks: tuple[str, ...] | None = None) -> list[Pa
 def find_beside(path: Path, name: str, what: str) -> Path:
     """The file that a mesh names, in its own folder; of a path elsewhere, the file of that name beside the mesh, if there is one.
 
+    Where no name is the same, one that differs in upper and lower case is: Windows, where many meshes come from, tells no difference.
+
     Raises:
         StepError: the name leads out of the mesh's folder, and no file of that name is in it.
     """
@@ -139,7 +145,9 @@ def find_beside(path: Path, name: str, what: str) -> Path:
         if (path.parent / windows.name).is_file():
             return path.parent / windows.name
         raise StepError(f"mesh {path} names {what} {name}, which is outside its folder; put the file beside the mesh and name that")
-    return path.parent / relative
+    found = path.parent / relative
+    alike = [] if found.exists() or not found.parent.is_dir() else sorted(found.parent.iterdir())
+    return next((one for one in alike if one.name.casefold() == found.name.casefold()), found)
 
 
 def _triangles(tables: PlyTables) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:

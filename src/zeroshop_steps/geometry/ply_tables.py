@@ -33,7 +33,7 @@ class Lists:
 
 @dataclass(frozen=True)
 class Property:
-    """A property of the header: the codes of its type and, for a list, of the type of its count."""
+    """A property of the header: its name in lower case, the codes of its type and, for a list, of the type of its count."""
 
     name: str
     code: str
@@ -117,10 +117,10 @@ def _parse_header(lines: list[str]) -> tuple[str, dict[str, Element]]:
             case ["element", name, rows]:
                 elements[name] = Element(int(rows), (), {}, {})
             case ["property", "list", count_type, kind, entry]:
-                known = Property(entry, TYPES[kind], TYPES[count_type])
+                known = Property(entry.lower(), TYPES[kind], TYPES[count_type])
                 elements[name] = replace(elements[name], properties=(*elements[name].properties, known))
             case ["property", kind, entry]:
-                elements[name] = replace(elements[name], properties=(*elements[name].properties, Property(entry, TYPES[kind])))
+                elements[name] = replace(elements[name], properties=(*elements[name].properties, Property(entry.lower(), TYPES[kind])))
     if form not in BYTE_ORDERS:
         raise ValueError(f"its format is {form or 'not named'}, expected {', '.join(BYTE_ORDERS)}")
     return form, elements

@@ -111,8 +111,10 @@ def read_lens(message: Any, width: int, height: int, rectified: bool) -> Lens:
             " name the topic of the camera that takes the goal's images"
         )
     intrinsics = np.array(_field(message, "k"), float).reshape(3, 3)
-    if intrinsics[0, 0] <= 0:
-        raise StepError("the camera's message has no focal length (K is 0): calibrate the camera, or start the servers with --intrinsics")
+    if not intrinsics[0, 0] > 0:
+        raise StepError(
+            "the camera's message has no focal length (K is 0, or no number): calibrate the camera, or start the servers with --intrinsics"
+        )
     projection = np.array(_field(message, "p", np.zeros(12)), float).reshape(3, 4)[:, :3]
     if rectified:
         return Lens(projection if projection[0, 0] > 0 else intrinsics, None)
@@ -120,10 +122,11 @@ def read_lens(message: Any, width: int, height: int, rectified: bool) -> Lens:
     if not coefficients.any():
         return Lens(intrinsics, None)
     model = getattr(message, "distortion_model", "") or "plumb_bob"
-    if model not in MODELS or len(coefficients) not in MODELS[model]:
+    if model not in MODELS or len(coefficients) not in MODELS[model] or not np.isfinite(coefficients).all():
+        known = ", ".join(f"{name} ({' or '.join(map(str, counts))})" for name, counts in MODELS.items())
         raise StepError(
-            f"the camera's message has the distortion {model!r} with {len(coefficients)} coefficients; expected"
-            f" {', '.join(MODELS)}: record rectified images (image_proc)"
+            f"the camera's message has the distortion {model!r} with {len(coefficients)} coefficients; expected finite numbers of {known}:"
+            " record rectified images (image_proc)"
         )
     form = (intrinsics, (width, height), cv2.CV_32FC1)
     undistort = cv2.fisheye.initUndistortRectifyMap if model in FISHEYE else cv2.initUndistortRectifyMap

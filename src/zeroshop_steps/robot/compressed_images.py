@@ -37,14 +37,17 @@ def read_compressed_depth(message: Any) -> np.ndarray:
     elif (start := content.find(PNG)) >= 0:
         raw = _decode(what, form, content[start:], cv2.IMREAD_UNCHANGED)
     else:
-        raise StepError(f"{what} has the format {form!r}; expected PNG or RVL: set the publisher's compressedDepth/format to png")
-    if raw.ndim != 2 or raw.dtype not in (np.uint8, np.uint16):
+        raise StepError(
+            f"{what} has the format {form!r} and {len(content)} bytes without a PNG; expected PNG or RVL: set the publisher's"
+            " compressedDepth/format to png"
+        )
+    if raw.ndim != 2 or raw.dtype != np.uint16:
         raise StepError(f"{what} has the format {form!r} and other pixels than 16 bits in one channel; set compressedDepth/format to png")
     if not form.startswith("32FC1"):
         return depth_to_mm(raw, 1.0, what)
-    if start < QUANTIZATION.size:
+    if start < QUANTIZATION.size or (scaling := QUANTIZATION.unpack_from(content))[1] <= 0:
         raise StepError(f"{what} has the format {form!r}, but no header that says how its numbers mean metres; record 16UC1, or raw images")
-    _, scale, offset = QUANTIZATION.unpack_from(content)
+    _, scale, offset = scaling
     depth_mm = MM_PER_METRE * scale / np.where(raw > offset, raw - offset, np.inf)
     return np.where(raw > 0, depth_mm, 0.0).astype(np.float32)
 

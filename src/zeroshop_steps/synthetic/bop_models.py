@@ -91,7 +91,7 @@ def copy_model(models: Path, dataset: str, name: str, out: Path, source: dict[st
         mesh = mesh.with_normals()
     info = make_model_info(path, mesh, dataset, models) | ({"source": source} if source else {})
     if not mesh.is_textured:
-        found = "colours at vertices or faces" if mesh.colors is not None else "no colour at all"
+        found = "colours at vertices or faces" if mesh.colors is not None else "no colour that is read"
         warn(f"model {path} has {found} instead of a texture; it is rendered {'with them' if mesh.colors is not None else 'in grey'}")
     with atomic_directory(out) as folder:
         write_copy(path, mesh, folder)
