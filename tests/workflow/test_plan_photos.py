@@ -88,7 +88,7 @@ def test_several_objects_share_photos_and_cameras(snakemake, tmp_path):
     run = snakemake("-n", "results/photos/cup/2dgs.ply", "--config", f"objects_table={table}")
     assert run.returncode == 0, run.stdout
     shared = ["capture_photos", "register_photos", "share_capture", "share_scene", "list_objects"]
-    assert planned(run.stdout) == dict.fromkeys([*shared, "segment", *CELL], 1)
+    assert planned(run.stdout) == dict.fromkeys([*shared, "segment", *PHOTO_CELL], 1)
     assert "--objects results/photos/shelf/video/auto/objects/objects.json --number 2" in run.stdout
     table.write_text(table.read_text().replace("shelf\t2", "shop\t2"))
     run = snakemake("-n", "results/photos/cup/2dgs.ply", "--config", f"objects_table={table}")

@@ -206,7 +206,7 @@ def run_for(request: Request, settings: dict[str, Any], capture: Capture, target
 
 def describe_run(request: Request, settings: dict[str, Any], capture: Capture, done: bool) -> Outcome:
     """What came of the run for an object."""
-    scene, registration = read_chosen_cell(settings)
+    scene, registration = read_chosen_cell(settings, bool(capture.cameras))
     folder = request.into.resolve()
     results = folder / "results/photos" / capture.object
     cell = results / (JOINED_PHOTOS if capture.images_2 else scene) / registration / request.method

@@ -28,10 +28,10 @@ def make_meshes(request: Request, objects: str) -> Iterator[Outcome]:
         StepError: what is asked for cannot be done.
     """
     if request.height_m is not None or request.masks or len(request.sources) > 1:
-        raise StepError("--objects goes with one capture, without --height and --masks: a printed board (--board) gives the size of all")
+        raise StepError("--objects goes with one capture, without --height and --masks: a printed board (--board) or given cameras give the size of all")
     choose_numbers(objects, 100)
     settings, folder, capture = prepare(request)
-    scene, registration = read_chosen_cell(settings)
+    scene, registration = read_chosen_cell(settings, bool(capture.cameras))
     listed = f"{scene}/{registration}/objects"
     if not run_for(request, settings, capture, listed):
         yield describe_run(request, settings, capture, False)
