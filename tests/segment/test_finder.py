@@ -63,7 +63,7 @@ def test_each_of_several_objects_can_be_meant(tmp_path):
     assert len(listed) == 2 and draw_objects(scene, found).shape[1] == 3 * SHOWN_WIDTH_PX
     for ball in balls:
         nearest = min(listed, key=lambda one: np.linalg.norm(one.center[:2] - ball[:2]))
-        assert np.linalg.norm(nearest.center[:2] - ball[:2]) < 0.2 and nearest.cut_off == 0
+        assert np.linalg.norm(nearest.center[:2] - ball[:2]) < 0.2 and nearest.cut_off < 0.01
         masks, _ = find(views, model, place=nearest.center)
         overlaps = [compute_overlap(mask, ball_mask(view.camera, ball)) for mask, view in zip(masks, views, strict=True)]
         assert np.median(overlaps) > 0.8
