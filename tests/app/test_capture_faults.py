@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from zeroshop_steps.app import check
 from zeroshop_steps.app.check import check_capture
@@ -90,12 +91,23 @@ def test_an_object_that_is_cut_off_throughout_is_a_problem(monkeypatch, tmp_path
 
     monkeypatch.setattr(check, "SalientObjectNetwork", Network)
     monkeypatch.setattr(check, "find_weights_home", lambda: tmp_path)
-    assert check._find_cut_off([np.zeros((480, 640, 3), np.uint8)] * 8) == []
+    assert check._find_cut_off([np.zeros((480, 640, 3), np.uint8)] * 8, []) == []
     weights = tmp_path / check.NETWORKS[check.DEFAULT].path
     weights.parent.mkdir(parents=True)
     weights.touch()
-    told = check._find_cut_off([np.zeros((480, 640, 3), np.uint8)] * 8)
+    told = check._find_cut_off([np.zeros((480, 640, 3), np.uint8)] * 8, [])
     assert [f"cut off at the border in {cut} of 8 pictures: step back" in line for line in told] == ([True] if problem else [])
+
+
+@pytest.mark.parametrize("left", [0, 40])
+def test_whether_cut_outs_are_cut_off_is_said_by_what_is_left_of_them(tmp_path, left):
+    for index in range(8):
+        pixels = np.random.default_rng(index).integers(0, 255, (90, 120, 4), dtype=np.uint8)
+        pixels[..., 3] = 0
+        pixels[30:60, left : left + 40, 3] = 255
+        Image.fromarray(pixels).save(tmp_path / f"{index}.png")
+    problems, _ = check_capture(tmp_path)
+    assert ["cut off at the border in 8 of 8 pictures" in line for line in problems] == ([True] if left == 0 else [])
 
 
 @pytest.mark.slow

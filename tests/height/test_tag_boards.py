@@ -124,7 +124,15 @@ def test_our_boards_are_described_by_files() -> None:
         ),
         ("kind: bar\ndictionary: 36h11\nids: [3, 3]\ndistance_mm: 100\n", "ids: .*non-unique"),
         ("kind: charuco\ndictionary: 4x4_50\ncolumns: 5\nrows: 7\nsquare_mm: 20\nmarker_mm: 30\n", "expected less than square_mm, 20"),
-        ("kind: chess\n", "has no kind; expected one of charuco, grid, tags, bar"),
+        ("kind: chess\n", "has the kind 'chess'; expected one of charuco, grid, tags, bar"),
+        ("target_type: checkerboard\n", "has the kind 'checkerboard'; expected one of"),
+        ("dictionary: 36h11\n", "has no kind; expected one of"),
+        ("target_type: aprilgrid\ntagSize: 88mm\n", "needs the numbers tagSize, in metres, and tagSpacing"),
+        (
+            "kind: grid\ndictionary: 4x4_50\ncolumns: 9\nrows: 6\nmarker_mm: 9\ngap_mm: 3\n",
+            "needs the tag 53, but 4x4_50 has 50, counted from 0",
+        ),
+        ("kind: bar\ndictionary: 36h11\nids: [3, 587]\ndistance_mm: 90\n", "needs the tag 587, but 36h11 has 587"),
         ("a: [", "cannot be read as YAML"),
     ],
 )
@@ -136,6 +144,7 @@ def test_a_wrong_description_is_refused(tmp_path: Path, text: str, says: str) ->
 def test_no_board_and_no_tags_are_named(tmp_path: Path) -> None:
     with pytest.raises(StepError, match="there is no board a5; expected a3, a4, a YAML file"):
         read_board("a5")
+    assert read_board("36h11:48.5").marker_mm == 48.5
     board = read_board("36h11:32")
     with pytest.raises(StepError, match="the photos show no tag of the board 36h11:32; check its dictionary"):
         check_board_views(views_of(draw_tags(TAGS, 32, "4X4_50"), board), board, [], "the photos")

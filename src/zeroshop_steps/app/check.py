@@ -25,7 +25,7 @@ from zeroshop_steps.capture.frames import (
     measure_sharpness,
 )
 from zeroshop_steps.capture.mask_names import split_masks
-from zeroshop_steps.capture.photo_files import list_photos, read_photo
+from zeroshop_steps.capture.photo_files import is_cut_out, list_photos, open_picture, read_cut_out, read_photo
 from zeroshop_steps.capture.photos import MIN_IMAGES, MOST_IMAGES
 from zeroshop_steps.capture.video import choose_frames, read_frames, read_numbers, scan_video
 from zeroshop_steps.geometry.images import measure_border_share
@@ -106,7 +106,7 @@ def check_capture(source: Path) -> tuple[list[str], list[str]]:
     if len(names) > MOST_IMAGES and source.is_dir():
         warnings.append(f"{len(names)} pictures; the {MOST_IMAGES} most useful ones are taken (photos.most_images)")
     problems, more = judge_motion(pieces)
-    return problems + _find_cut_off(views), warnings + more
+    return problems + _find_cut_off(views, _read_cut_outs(source)), warnings + more
 
 
 def _warn_of_one_side(features: list[Features]) -> list[str]:
@@ -120,13 +120,25 @@ def _warn_of_one_side(features: list[Features]) -> list[str]:
     ]
 
 
-def _find_cut_off(views: list[np.ndarray]) -> list[str]:
-    """A problem where the network finds an object that is cut off in nearly all pictures; nothing without the network."""
+def _read_cut_outs(folder: Path) -> list[np.ndarray]:
+    """(H, W) masks of a few photos of a folder, where the background of all was removed."""
+    found: list[np.ndarray | None] = []
+    if folder.is_dir() and is_cut_out(folder):
+        paths = list_photos(folder)[0]
+        for number in space_evenly(len(paths), VIEWS):
+            with contextlib.suppress(StepError), open_picture(paths[number]) as image:
+                found.append(read_cut_out(image))
+    return [mask for mask in found if mask is not None]
+
+
+def _find_cut_off(views: list[np.ndarray], masks: list[np.ndarray]) -> list[str]:
+    """A problem where an object is cut off in nearly all pictures: by their masks, or else by the network, where its weights are there."""
     weights = find_weights_home() / NETWORKS[DEFAULT].path
-    if not weights.is_file():
+    if not masks and weights.is_file():
+        masks = [found > 0.5 for found in SalientObjectNetwork(weights).predict_all(views, [MAP_PX] * len(views))]
+    if not masks:
         return []
-    maps = SalientObjectNetwork(weights).predict_all(views, [MAP_PX] * len(views))
-    cut = [measure_border_share(found > 0.5) > CUT_BORDER for found in maps]
+    cut = [measure_border_share(mask) > CUT_BORDER for mask in masks]
     if sum(cut) < CUT_SHARE * len(cut):
         return []
     return [

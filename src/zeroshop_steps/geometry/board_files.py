@@ -20,7 +20,7 @@ from zeroshop_steps.geometry.printed_board import Board, TagBoard
 from zeroshop_steps.runtime.errors import StepError
 
 OWN = Path(__file__).with_name("boards")
-OF_ONE_TAG = re.compile(r"(?P<dictionary>[\w]+):(?P<side>[\d.]+)")
+OF_ONE_TAG = re.compile(r"(?P<dictionary>[\w]+):(?P<side>\d+(\.\d+)?)")
 LENGTH_MM = {"type": "number", "minimum": 1, "maximum": 5000}
 COUNT = {"type": "integer", "minimum": 1, "maximum": 1000}
 NUMBER, SWITCH = {"type": "integer", "minimum": 0}, {"type": "boolean"}
@@ -50,7 +50,7 @@ def read_board(name: str) -> Board | TagBoard:
     """
     own = OWN / f"{name}.yaml"
     single = OF_ONE_TAG.fullmatch(name)
-    if single and not Path(name).suffix:
+    if single:
         return _make(name, {"kind": "tags", "dictionary": single["dictionary"], "marker_mm": float(single["side"])})
     path = own if own.is_file() else Path(name)
     if not path.is_file():
@@ -60,21 +60,24 @@ def read_board(name: str) -> Board | TagBoard:
         content = yaml.safe_load(path.read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise StepError(f"{path} cannot be read as YAML ({str(error).splitlines()[0]}); correct it") from None
-    return _make(own.stem if path == own else str(path), _from_kalibr(content))
+    return _make(own.stem if path == own else str(path), _from_kalibr(str(path), content))
 
 
-def _from_kalibr(content: Any) -> Any:
+def _from_kalibr(name: str, content: Any) -> Any:
     """A description of Kalibr's AprilGrid in the words of ours; anything else as it is."""
     if not isinstance(content, dict) or content.get("target_type") != "aprilgrid":
         return content
-    side_mm = 1000.0 * float(content.get("tagSize", 0))
+    if not all(isinstance(content.get(key), int | float) for key in ("tagSize", "tagSpacing")):
+        raise StepError(f"board {name} of Kalibr needs the numbers tagSize, in metres, and tagSpacing, in tag sizes; correct them")
+    side_mm = 1000.0 * content["tagSize"]
     grid = {"kind": "grid", "dictionary": "36h11", "columns": content.get("tagCols"), "rows": content.get("tagRows"), "marker_mm": side_mm}
-    return grid | {"gap_mm": side_mm * float(content.get("tagSpacing", 0)), "from_below": True, "border_cells": 2}
+    return grid | {"gap_mm": side_mm * content["tagSpacing"], "from_below": True, "border_cells": 2}
 
 
 def _make(name: str, content: Any) -> Board | TagBoard:
     if not isinstance(content, dict) or content.get("kind") not in KINDS:
-        raise StepError(f"board {name} has no kind; expected one of {', '.join(KINDS)}")
+        kind = content.get("kind", content.get("target_type")) if isinstance(content, dict) else None
+        raise StepError(f"board {name} has {f'the kind {kind!r}' if kind else 'no kind'}; expected one of {', '.join(KINDS)}")
     needed, possible = KINDS[content["kind"]]
     given = {key: value for key, value in content.items() if key not in ("kind", "dictionary")}
     schema = {"required": list(needed), "properties": needed | possible, "additionalProperties": False}
@@ -87,6 +90,12 @@ def _make(name: str, content: Any) -> Board | TagBoard:
         )
     values: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
     dictionary = find_dictionary(name, str(content.get("dictionary", "")))
+    count = len(cv2.aruco.getPredefinedDictionary(dictionary).bytesList)
+    of_board = values.get("columns", 0) * values.get("rows", 0) // (2 if content["kind"] == "charuco" else 1)
+    if (last := max(*values.get("ids", (0,)), values.get("first_id", 0) + of_board - 1)) >= count:
+        raise StepError(
+            f"board {name} needs the tag {last}, but {content['dictionary']} has {count}, counted from 0; name the one you printed"
+        )
     if content["kind"] == "charuco":
         if not values["marker_mm"] < values["square_mm"]:
             raise StepError(f"board {name}: marker_mm is {values['marker_mm']}; expected less than square_mm, {values['square_mm']}")
