@@ -111,10 +111,18 @@ def make_mark_tables(marks: Sequence[Entry]) -> list[dict]:
     for (table, row), entries in rows.items():
         ours, published = [entry.ours for entry in entries], [entry.published for entry in entries]
         statuses = Counter(entry.status for entry in entries)
-        words = {REPRODUCED: "reproduced", REHEARSED: "rehearsed", DIFFERS: "made, but not alike (below)", WAITING: f"waiting for {entries[-1].how}"}
+        words = {
+            REPRODUCED: "reproduced",
+            REHEARSED: "rehearsed",
+            DIFFERS: "made, but not alike (below)",
+            WAITING: f"waiting for {entries[-1].how}",
+        }
         note = ", ".join(f"{statuses[status]} {text}" for status, text in words.items() if statuses[status])
         lines = [("published", published), ("ours", ours)]
-        counted = [(name, marks, count_good(marks), "" if name == "published" or statuses[REHEARSED] else compare(marks, published)) for name, marks in lines]
+        counted = [
+            (name, marks, count_good(marks), "" if name == "published" or statuses[REHEARSED] else compare(marks, published))
+            for name, marks in lines
+        ]
         found.append({"table": table, "row": row, "objects": [entry.column for entry in entries], "note": note, "lines": counted})
     return found
 
