@@ -189,6 +189,7 @@ def test_a_rehearsal_fills_every_place_and_marks_each_of_its_figures(tmp_path):
     table, _, page = make_page(tmp_path, "--results", tmp_path / "results/thesis", "--rehearsal")
     own = table[table.source != ""].set_index("column")
     assert own.ours.to_dict() == {"obj_000001": "sparse", "obj_000002": "good"} and set(own.status) == {"rehearsed"}
+    assert set(own.regime) == {"rehearsal"}
     assert own.loc["obj_000001", "how"] == "training: iterations 60 (published: 30000)" and own.loc["obj_000002", "how"] == ""
     assert "This is a rehearsal." in page and "<em>– ours: 2 rehearsed, 19 waiting for" in page and "1 of 2" in page
     assert "This is a rehearsal." not in make_page(tmp_path, "--results", tmp_path / "results/thesis")[2]

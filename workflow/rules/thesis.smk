@@ -40,7 +40,10 @@ def figures_of_thesis(
         return []
     say_what_the_thesis_takes("ycbv")
     objects = objects_of("ycbv")
-    cells = [f"{CELL}/cell.csv".format(dataset="ycbv", **cell) for cell in thesis_plan.list_marks(objects)]
+    # The cells of the models of Table 4.5 are graded, too: what differs in them differs in its scores.
+    of_models = [{"object": name, "nvs": nvs, **thesis_plan.OF_MODELS} for name in objects for nvs in surfaces_with_cameras("Table 4.5")]
+    cells = [f"{CELL}/cell.csv".format(dataset="ycbv", **cell) for cell in [*thesis_plan.list_marks(objects), *of_models]]
+    cells = list(dict.fromkeys(cells))
     films = filmed_objects(objects_of("photos"))
     place = {"dataset": "photos", "scene": WHOLE_SCENE, "registration": config["chosen"]["photos"]["registration"]}
     cells += [f"{CELL}/cell.csv".format(**place, object=name, nvs=nvs) for name in films for nvs in measured_surfaces("the table of films")]

@@ -8,7 +8,7 @@ one row per published figure, another one a row per figure of another kind.
 import argparse
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from statistics import mean
 
@@ -21,6 +21,7 @@ from zeroshop_steps.report.site.charts import scatter
 from zeroshop_steps.report.site.html import copy_assets, write_page
 from zeroshop_steps.report.thesis_entries import (
     DIFFERS,
+    REHEARSAL,
     REHEARSED,
     REPRODUCED,
     STATUSES,
@@ -68,7 +69,7 @@ def run(args: argparse.Namespace) -> None:
         "4.3 and 4.4": list_heights(both_heights, args.rehearsal),
         "4.5": list_scores(scores, args.rehearsal),
         "4.6": list_grasps(),
-        "statements": list_statements(find_evidence(cells, heights, robust, films) | find_comparisons(compared)),
+        "statements": list_statements(find_evidence(cells, heights, robust, films) | find_comparisons(compared), args.rehearsal),
     }
     entries = [entry for part in parts.values() for entry in part]
     others = {
@@ -77,6 +78,8 @@ def run(args: argparse.Namespace) -> None:
         "scores": list_other_scores(scores),
         "grasps": list_other_grasps(grasps),
     }
+    if args.rehearsal:
+        others = {kind: [replace(other, regime=REHEARSAL) for other in part] for kind, part in others.items()}
     statuses = [status for status in STATUSES if (status != REPRODUCED if args.rehearsal else status != REHEARSED)]
     write_table(args.table, [asdict(entry) for entry in entries])
     write_table(args.other_table, [asdict(other) for part in others.values() for other in part], [one.name for one in fields(Other)])
@@ -111,10 +114,18 @@ def make_mark_tables(marks: Sequence[Entry]) -> list[dict]:
     for (table, row), entries in rows.items():
         ours, published = [entry.ours for entry in entries], [entry.published for entry in entries]
         statuses = Counter(entry.status for entry in entries)
-        words = {REPRODUCED: "reproduced", REHEARSED: "rehearsed", DIFFERS: "made, but not alike (below)", WAITING: f"waiting for {entries[-1].how}"}
+        words = {
+            REPRODUCED: "reproduced",
+            REHEARSED: "rehearsed",
+            DIFFERS: "made, but not alike (below)",
+            WAITING: f"waiting for {entries[-1].how}",
+        }
         note = ", ".join(f"{statuses[status]} {text}" for status, text in words.items() if statuses[status])
         lines = [("published", published), ("ours", ours)]
-        counted = [(name, marks, count_good(marks), "" if name == "published" or statuses[REHEARSED] else compare(marks, published)) for name, marks in lines]
+        counted = [
+            (name, marks, count_good(marks), "" if name == "published" or statuses[REHEARSED] else compare(marks, published))
+            for name, marks in lines
+        ]
         found.append({"table": table, "row": row, "objects": [entry.column for entry in entries], "note": note, "lines": counted})
     return found
 

@@ -23,6 +23,8 @@ from zeroshop_steps.runtime.tables import read_table
 
 REPRODUCED, REHEARSED, DIFFERS, WAITING, QUOTED = "reproduced", "rehearsed", "differs", "waiting", "quoted"
 STATUSES = (REPRODUCED, REHEARSED, DIFFERS, WAITING, QUOTED)
+REHEARSAL = "rehearsal"
+"""The regime of all figures of one."""
 WEIGHTS, GPU, ROBOT, CAPTURES = "weights", "weights, a GPU", "a robot", "the thesis's own films"
 TRELLIS = "weights, also those of Trellis, a GPU"
 GRASPS = Path(__file__).with_name("published_grasps.csv")
@@ -55,8 +57,11 @@ class Entry:
 
 def _enter(place: tuple[str, str, str, str], ours: str, differs: str, regime: str, source: str, rehearsal: bool) -> Entry:
     """A published figure for which the thesis's method made one of ours, which differs in this or, where it is empty, in nothing."""
-    status = REHEARSED if rehearsal else DIFFERS if differs else REPRODUCED
-    return Entry(*place, ours="" if status == DIFFERS else ours, status=status, how=differs, regime=regime, source=source)
+    if rehearsal:
+        return Entry(*place, ours=ours, status=REHEARSED, how=differs, regime=REHEARSAL, source=source)
+    if differs:
+        return Entry(*place, status=DIFFERS, how=differs, regime=regime, source=source)
+    return Entry(*place, ours=ours, status=REPRODUCED, regime=regime, source=source)
 
 
 def list_marks(cells: Mapping[CellKey, Own], rehearsal: bool = False) -> list[Entry]:
@@ -122,11 +127,11 @@ def list_grasps() -> list[Entry]:
     return [Entry("4.6", row["models"].removeprefix("models_"), row["measure"], row["value"], how=ROBOT) for row in rows]
 
 
-def list_statements(evidence: Mapping[str, tuple[str, str]]) -> list[Entry]:
+def list_statements(evidence: Mapping[str, tuple[str, str]], rehearsal: bool = False) -> list[Entry]:
     """The statements, each with our evidence if there is any: what was found, and where."""
     found = []
     for row in read_table(STATEMENTS).to_dict("records"):
         ours, source = evidence.get(row["evidence"], ("", ""))
-        status = DIFFERS if ours else WAITING
+        status = (REHEARSED if rehearsal else DIFFERS) if ours else WAITING
         found.append(Entry(row["section"], row["statement"], "", "stated", ours, status=status, how=LACKING[row["lacks"]], source=source))
     return found

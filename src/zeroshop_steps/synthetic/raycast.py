@@ -63,4 +63,6 @@ def capture(
         renderer = SceneRenderer(parts, bounds, seed, place_lights(bounds, len(parts) > 1, light_strengths))
         return (renderer.render(camera) for camera in cameras)
 
-    virtual_capture.render_capture(render, model, scene, width_px, height_px, seed, out, lay, facts, rings)
+    virtual_capture.render_capture(
+        render, model, scene, width_px, height_px, seed, out, lay, {"renderer": "raycast", **(facts or {})}, rings
+    )
