@@ -12,7 +12,7 @@ from zeroshop_steps.networks.salient_networks import network_path
 from zeroshop_steps.register import mast3r, vggt
 from zeroshop_steps.runtime import cache
 from zeroshop_steps.runtime.cache import Cached, cache_folder, check_cache, content_digest, entry_name, run_cached
-from zeroshop_steps.runtime.code_version import code_version, reached
+from zeroshop_steps.runtime.code_version import KEPT, _read_digests, code_version, reached
 from zeroshop_steps.runtime.errors import StepError
 
 STEP = "report.table"  # any step that exists: its code counts
@@ -200,8 +200,28 @@ def sources(folder: Path) -> Path:
 def test_the_code_that_a_step_can_run_counts_and_no_other(tmp_path, file, counts):
     folder = sources(tmp_path)
     before = code_version("nvs.train", folder)
-    (folder / file).write_text((folder / file).read_text() + "# changed\n")
+    (folder / file).write_text((folder / file).read_text() + "changed = 1\n")
     assert (code_version("nvs.train", folder) != before) is counts
+
+
+def test_comments_and_docstrings_do_not_count(tmp_path):
+    folder = sources(tmp_path)
+    path = folder / "geometry/cameras.py"
+    path.write_text("def project(point):\n    return point[:2]\n")
+    before = code_version("nvs.train", folder)
+    path.write_text('"""Cameras."""\n\n\ndef project(point):  # to pixels\n    """Project it."""\n    return point[:2]\n')
+    assert code_version("nvs.train", folder) == before
+    path.write_text('"""Cameras."""\n\n\ndef project(point):\n    return point[:3]\n')
+    assert code_version("nvs.train", folder) != before
+
+
+def test_what_is_known_of_a_file_is_kept_and_a_damaged_record_is_made_again(tmp_path):
+    folder = sources(tmp_path)
+    before = code_version("nvs.train", folder)
+    for content in ((folder / KEPT).read_text(), "{", '{"nvs/train.py": 1}'):
+        (folder / KEPT).write_text(content)
+        _read_digests.cache_clear()
+        assert code_version("nvs.train", folder) == before
 
 
 def test_the_libraries_count(tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
 """What several stages share: where results lie, the checked config, the known names, and errors that list them."""
 
 import os
+import re
 import shlex
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ from snakemake.exceptions import WorkflowError
 
 from zeroshop_steps import methods
 from zeroshop_steps.runtime.cache import check_cache
+from zeroshop_steps.runtime.code_version import source_version
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.settings import check_config, name_error, read_config_schema, read_objects
 
@@ -88,6 +90,22 @@ def step_options(options):
         options = {**options, "weights": shlex.quote(os.path.relpath(ROOT / options["weights"]))}
     words = {key: value if isinstance(value, list) else [value] for key, value in options.items() if value is not None}
     return " ".join(" ".join([f"--{key.replace('_', '-')}", *map(str, values)]) for key, values in words.items())
+
+
+# What a command runs: a stage and its method, and the method of the height within `shape`.
+STEP = re.compile(r"zeroshop_steps\.(\w+) --method (\S+)|--(height) (\{params\.height\})")
+
+
+def code_of(rule):
+    """A parameter function: the fingerprint of the code that a rule's command runs, so that changed code makes its results stale."""
+    steps = [(stage or height, method or height_method) for stage, method, height, height_method in STEP.findall(rule.shellcmd)]
+
+    def fill(word, wildcards):
+        found = re.fullmatch(r"\{(params|wildcards)\.(\w+)\}", word)
+        value = getattr({"params": rule.params, "wildcards": wildcards}[found[1]], found[2]) if found else word
+        return value(wildcards) if callable(value) else value
+
+    return lambda wildcards: source_version(tuple(f"{stage}.{fill(method, wildcards)}" for stage, method in steps))
 
 
 def inputs_as_options(wildcards, input):
