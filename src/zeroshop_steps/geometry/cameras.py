@@ -15,6 +15,7 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure
 
 LEAST_PAIRS = 3  # a similarity between two sets of points needs three
+OFF_MEDIANS, ROUNDS = 4.0, 5  # a point that lies so many median errors off does not count; rounds until the same ones are left
 
 
 @dataclass(frozen=True)
@@ -217,3 +218,16 @@ def fit_similarity(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     transform[:3, :3] = scale * u @ sign @ vt
     transform[:3, 3] = target_mean - transform[:3, :3] @ source_mean
     return transform
+
+
+def fit_similarity_robustly(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As `fit_similarity`, without the points that lie far off, as single wrong cameras do; and (N,) which points counted."""
+    kept = np.ones(len(source), bool)
+    for _ in range(ROUNDS):
+        similarity = fit_similarity(source[kept], target[kept])
+        errors = np.linalg.norm(source @ similarity[:3, :3].T + similarity[:3, 3] - target, axis=1)
+        near = errors <= OFF_MEDIANS * float(np.median(errors)) + 1e-12
+        if near.sum() < LEAST_PAIRS or (near == kept).all():
+            break
+        kept = near
+    return similarity, kept

@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.capture.given_cameras import FILE, read_given_cameras
-from zeroshop_steps.geometry.cameras import fit_similarity
+from zeroshop_steps.geometry.cameras import fit_similarity_robustly
 from zeroshop_steps.geometry.transforms import compute_scale, transform_points
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.runtime.errors import StepError
 
 LEAST_CAMERAS = 4  # three define a similarity, and one checks it
-OFF_MEDIANS, ROUNDS = 4.0, 5  # a camera that lies so many median errors off does not count; rounds until the same ones are left
 MOST_OFF = 0.1  # median error, as a share of the cameras' spread, from which on the cameras are other ones
 
 METHOD = {"rank": 3, "given_cameras": True}
@@ -52,14 +51,8 @@ def measure_scale(registered: RegisteredObject) -> Scale | None:
         )
     source = np.array([centre for centre, _ in pairs])
     target = np.array([-pose[:3, :3].T @ pose[:3, 3] for _, pose in pairs])
-    kept = np.ones(len(pairs), bool)
-    for _ in range(ROUNDS):
-        similarity = fit_similarity(source[kept], target[kept])
-        errors_m = np.linalg.norm(transform_points(source, similarity) - target, axis=1)
-        near = errors_m <= OFF_MEDIANS * float(np.median(errors_m)) + 1e-12
-        if near.sum() < LEAST_CAMERAS or (near == kept).all():
-            break
-        kept = near
+    similarity, kept = fit_similarity_robustly(source, target)
+    errors_m = np.linalg.norm(transform_points(source, similarity) - target, axis=1)
     spread_m = float(np.sqrt(((target[kept] - target[kept].mean(0)) ** 2).sum()))
     if float(np.median(errors_m)) > MOST_OFF * spread_m / np.sqrt(kept.sum()):
         raise StepError(

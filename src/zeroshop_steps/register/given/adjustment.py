@@ -14,7 +14,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.capture.given_cameras import GivenCameras
-from zeroshop_steps.geometry.cameras import fit_similarity, to_matrix
+from zeroshop_steps.geometry.cameras import LEAST_PAIRS, fit_similarity_robustly, to_matrix
 from zeroshop_steps.register.mapping.mapper import triangulate_points
 from zeroshop_steps.register.mapping.reregistration import ITERATIONS, LOSS_SCALE_PX, STRICT_ERROR_PX
 from zeroshop_steps.register.scene.image_set import ImageSet
@@ -23,7 +23,6 @@ ROUGH_ERROR_PX, ROUGH_ANGLE_DEG = 30.0, 3.0
 """By which observations may miss a point before the cameras are adjusted: 0.3 degrees are 5 px at 1000 px of focal length."""
 LEAST_POINTS = 15  # seen by an image, for the pictures to turn its camera
 MOST_SIGMAS = 3.0
-LEAST_TO_ALIGN = 3
 
 
 @dataclass(frozen=True)
@@ -137,17 +136,20 @@ def adjust(model: pycolmap.Reconstruction, given: GivenCameras, scale_px: float 
             priors.append(prior)
     prior_options = pycolmap.PosePriorBundleAdjustmentOptions()
     prior_options.alignment_ransac.random_seed = 0
+    # A single pose that is wrong does not drag the others along.
+    prior_options.ceres.prior_position_loss_function_type = pycolmap.LossFunctionType.CAUCHY
+    prior_options.ceres.prior_position_loss_scale = MOST_SIGMAS * scale_px
     pycolmap.create_pose_prior_bundle_adjuster(options, prior_options, config, priors, model).solve()
 
 
 def align(model: pycolmap.Reconstruction, given: GivenCameras) -> None:
-    """Lay a model onto the given cameras by a similarity, in place."""
+    """Lay a model onto the given cameras by a similarity, in place; single ones that are far off do not count."""
     pairs = [
         (_find_centre(to_matrix(pose)), _find_centre(given.poses[name])) for name, pose in take_poses(model).items() if name in given.poses
     ]
-    if len(pairs) < LEAST_TO_ALIGN:
+    if len(pairs) < LEAST_PAIRS:
         return
-    similarity = fit_similarity(*(np.array(side) for side in zip(*pairs, strict=True)))
+    similarity, _ = fit_similarity_robustly(*(np.array(side) for side in zip(*pairs, strict=True)))
     model.transform(pycolmap.Sim3d(similarity[:3]))
 
 

@@ -28,6 +28,8 @@ RIGHT, BETTER = 0.3, 0.1
 """Support from which on poses are taken as they are read, and by which another reading must exceed it. Two rings of ten rendered views:
 1.00 by true poses, 0.78 with noise of 1 mm and 0.3 degrees, 0.42 with 3 mm and 1 degree, at most 0.10 by wrong axes, inverses or a wrong
 order, 0.57 and 0.65 by poses two frames late and one early, since every other camera of a ring looks alike."""
+DELAYED = 0.5
+"""Support below which a delay is told: an even ring that is late is a turned ring with a few wrong poses, as which it is mended."""
 SURE = 0.9  # support from which on other readings are not tried
 SAME_ANGLE_DEG, LEAST_ANGLE_DEG = 3.0, 8.0  # turns between images that agree, in the median, and that tell anything
 TURNS = 30  # pairs whose turn is estimated, those with most matches
@@ -55,10 +57,11 @@ class PairMatches:
 
 @dataclass(frozen=True)
 class Reading:
-    """A way in which stated poses may be meant; `claim` says it in words, with what to do."""
+    """A way in which stated poses may be meant; `claim` says it in words, with what to do. It is told of support `below` some share."""
 
     claim: str
     read: Callable[[Poses], Poses]
+    below: float = 1.0
 
 
 def list_readings(names: Sequence[str]) -> list[Reading]:
@@ -79,7 +82,7 @@ def list_readings(names: Sequence[str]) -> list[Reading]:
     for delay in sorted(range(-MOST_DELAY, MOST_DELAY + 1), key=abs)[1:]:
         how = f"{abs(delay)} frame{'s' if abs(delay) > 1 else ''} {'late' if delay > 0 else 'early'}"
         claim = f"they are {how}: each image shows what the pose {abs(delay)} {'after' if delay > 0 else 'before'} its own saw"
-        readings.append(Reading(f"{claim}; match the clocks of camera and poses", partial(_delay, names=names, by=delay)))
+        readings.append(Reading(f"{claim}; match the clocks of camera and poses", partial(_delay, names=names, by=delay), DELAYED))
     return readings
 
 
@@ -141,7 +144,8 @@ def find_fault(poses: Poses, pairs: Sequence[PairMatches], names: Sequence[str])
     support = measure_support(poses, known)
     if support >= SURE:
         return support, None
-    found = [(measure_support(reading.read(poses), known), reading.claim) for reading in list_readings(names)]
+    readings = [reading for reading in list_readings(names) if support < reading.below]
+    found = [(measure_support(reading.read(poses), known), reading.claim) for reading in readings]
     best, claim = max(found, key=lambda one: one[0])
     explains = f"the given poses explain {support:.0%} of the images' matches"
     if best >= max(RIGHT, support + BETTER):

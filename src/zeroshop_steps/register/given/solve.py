@@ -49,7 +49,7 @@ class _Scene:
     def place(self, model: pycolmap.Reconstruction, names: list[str]) -> pycolmap.Reconstruction:
         """The images `names` placed among the others of a model, by their matches alone; the rest stays in the given frame."""
         again = register_again(
-            model, names, self.database, self.image_set.images[0].parent, self.database.parent, self.options.structure.seed
+            model, names, self.database, self.image_set.images[0].parent, self.database.parent, self.options.structure.seed, True
         )
         align(again, self.given)
         return again

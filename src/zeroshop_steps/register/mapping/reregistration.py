@@ -85,11 +85,17 @@ def repair(
 
 
 def register_again(
-    model: pycolmap.Reconstruction, names: list[str], database: Path, images: Path, scratch: Path, seed: int
+    model: pycolmap.Reconstruction,
+    names: list[str],
+    database: Path,
+    images: Path,
+    scratch: Path,
+    seed: int,
+    known_lenses: bool = False,
 ) -> pycolmap.Reconstruction:
     """Take the images `names` out, refine the rest, then register what is missing under a strict error limit.
 
-    Images that cannot be placed stay out.
+    Images that cannot be placed stay out. Lenses that are known stay as they are.
     """
     for folder in (scratch / "without", scratch / "again"):
         shutil.rmtree(folder, ignore_errors=True)
@@ -100,5 +106,8 @@ def register_again(
     options.multiple_models = False
     strict_px = STRICT_ERROR_PX * max(max(camera.width, camera.height) for camera in model.cameras.values()) / REFERENCE_PX
     options.mapper.abs_pose_max_error = strict_px
+    if known_lenses:
+        options.ba_refine_focal_length = options.ba_refine_extra_params = False
+        options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = False
     placed = pycolmap.incremental_mapping(database, images, scratch / "again", options, str(scratch / "without"))
     return max(placed.values(), key=lambda found: found.num_reg_images(), default=rest)
