@@ -28,7 +28,9 @@ def make_meshes(request: Request, objects: str) -> Iterator[Outcome]:
         StepError: what is asked for cannot be done.
     """
     if request.height_m is not None or request.masks or len(request.sources) > 1:
-        raise StepError("--objects goes with one capture, without --height and --masks: a printed board (--board) or given cameras give the size of all")
+        raise StepError(
+            "--objects goes with one capture, without --height and --masks; a printed board (--board) or known cameras give the size of all"
+        )
     choose_numbers(objects, 100)
     settings, folder, capture = prepare(request)
     scene, registration = read_chosen_cell(settings, bool(capture.cameras))
