@@ -58,13 +58,13 @@ def test_mast3r_with_random_weights_ends_with_a_record(snakemake, photos, weight
 
 @pytest.mark.slow
 def test_the_height_by_mast3r_with_random_weights_ends_with_its_reason(snakemake, photos, weights, carton, tmp_path):
-    """The cell is there up to its clean mesh; photos of noise stand for the empty scene."""
+    """The cell is there up to its raw mesh; photos of noise stand for the empty scene."""
     row = f"photos\tcup\t{tmp_path / 'mine'}\t\t\tmast3r\t{tmp_path / 'mine'}\n"
     (tmp_path / "objects.tsv").write_text("dataset\tobject\timages\tmasks\theight_m\theight_method\tmarker_images\n" + row)
     scene = tmp_path / "results/photos/cup/video"
     write_json(scene / "capture" / "capture.json", {})
     shutil.copytree(carton.cameras, scene / "colmap" / "cameras")
-    write_ply(scene / "colmap" / "2dgs" / "clean.ply", carton.mesh)
+    write_ply(scene / "colmap" / "2dgs" / "raw_mesh.ply", carton.mesh)
     camera_set = read_camera_set(carton.cameras)
     sphere = fit_object_sphere(camera_set.model.cameras, camera_set.masks)
     sizes = {view.camera.name: make_grid_view(view).mask.shape for view in make_seed_views(camera_set, sphere)}
@@ -73,11 +73,11 @@ def test_the_height_by_mast3r_with_random_weights_ends_with_its_reason(snakemake
     (scene / "colmap" / "stereo").mkdir()
     write_seeds(scene / "colmap" / "stereo" / "seeds.npz", Seeds(*[np.zeros((0, 3))] * 3, nothing, hull), sphere)
     target = "results/photos/cup/video/colmap/2dgs/height.json"
-    only = ["--rerun-triggers", "mtime", "--allowed-rules", "height", *photos]
+    only = ["--rerun-triggers", "mtime", "--allowed-rules", "shape", *photos]
     assert "lacks the weights" in snakemake("-n", target, *only).stdout
     run = snakemake(target, *only, f"height={{mast3r: {{weights: {weights}, long_side_px: 64}}}}")
-    assert planned(run.stdout) == {"height": 1}
-    log = (tmp_path / target.replace("height.json", "logs/height.log")).read_text()
+    assert planned(run.stdout) == {"shape": 1}
+    log = (tmp_path / target.replace("height.json", "logs/shape.log")).read_text()
     assert run.returncode == 0 and "looking at pairs: 30/30" in log
     assert "match none of the others" in read_failure(tmp_path / target).reason and "Traceback" not in log
     assert f"{target}: height.mast3r: " in run.stdout.split("recorded in place of results (1):")[1]

@@ -25,8 +25,7 @@ def registered(tmp_path, carton):
     (tmp_path / "objects.tsv").write_text(f"dataset\tobject\timages\tmasks\theight_m\nphotos\tbox\t{tmp_path}/photos\t\t0.09\n")
     write_json(tmp_path / "results/photos/box/video/capture/capture.json", {})
     shutil.copytree(carton.cameras, tmp_path / CELL / "cameras")
-    write_ply(tmp_path / CELL / "2dgs/clean.ply", carton.mesh)
-    write_json(tmp_path / CELL / "2dgs/height.json", {})
+    write_ply(tmp_path / CELL / "2dgs/raw_mesh.ply", carton.mesh)
     options = ["--config", f"objects_table={tmp_path / 'objects.tsv'}", f"nvs={json.dumps(SMALL)}"]
     return ["--rerun-triggers", "mtime", *options]
 

@@ -97,11 +97,12 @@ rule shape:
         marker_images=extra_photos("marker_images"),
         depth=extra_photos("depth"),
     output:
-        mesh=f"{CELL}/closed.ply",
-        facts=f"{CELL}/closed.json",
+        # In the order in which they are written: a failure is recorded in place of the first that is missing.
         cleaned=f"{CELL}/clean.ply",
         cleaned_facts=f"{CELL}/clean.json",
         height=f"{CELL}/height.json",
+        mesh=f"{CELL}/closed.ply",
+        facts=f"{CELL}/closed.json",
         frame=f"{CELL}/frame.json",
     log:
         f"{CELL}/logs/shape.log",

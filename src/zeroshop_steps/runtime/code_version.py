@@ -139,9 +139,8 @@ def _digest_file(path: Path, stamp: tuple[int, int]) -> Digest:
     tree = ast.parse(content)
     imports = tuple(dict.fromkeys(_imports(tree)))
     for node in ast.walk(tree):
-        documented = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
-        if documented and ast.get_docstring(node, False) is not None:
-            del node.body[0]
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            node.body = node.body[ast.get_docstring(node, False) is not None :]
     # Without places in the text, so that comments do not count.
     return Digest(stamp, hashlib.sha256(ast.dump(tree).encode()).hexdigest(), imports)
 
