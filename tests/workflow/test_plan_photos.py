@@ -28,9 +28,9 @@ def test_photos_that_bring_their_cameras(snakemake, tmp_path):
     table.write_text(f"{header}\nphotos\tcup\t{images}\t\t\t{cameras}\nphotos\tmug\t{images}\t\t0.1\t{cameras}\n")
     run = snakemake("-n", "-p", "results/photos/cup/2dgs.ply", "--config", f"objects_table={table}")
     assert run.returncode == 0, run.stdout
-    assert "--cameras cup/cameras.json" in run.stdout and "--method given " in run.stdout and "--method given_cameras " in run.stdout
+    assert "--cameras cup/cameras.json" in run.stdout and "--method given " in run.stdout and "--height given_cameras" in run.stdout
     run = snakemake("-n", "-p", "results/photos/mug/2dgs.ply", "--config", f"objects_table={table}")
-    assert "--method given " in run.stdout and "--method known " in run.stdout
+    assert "--method given " in run.stdout and "--height known " in run.stdout
     table.write_text(f"{header}\nphotos\tcan\t{tmp_path}/can.mp4\t\t\t{cameras}\n")
     run = snakemake("-n", "results/photos/can/2dgs.ply", "--config", f"objects_table={table}")
     assert run.returncode != 0 and "a video has no cameras" in run.stdout
