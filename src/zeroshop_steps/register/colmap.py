@@ -257,8 +257,7 @@ def match_images(
     if on_turntable:
         verify_without_stationary(database, image_set, options.sift.seed)
     stopwatch.lap("match")
-    # Known lenses come with known poses, which a few matches refine.
-    weak = [] if structure.object_only or lenses else find_weak_images(database, options.weak_matches, options.weak_share)
+    weak = [] if structure.object_only else find_weak_images(database, options.weak_matches, options.weak_share)
     flattened = find_foreshortened(database, weak)
     if not structure.leave_out:
         # Only oblique views benefit. On plain rendered grounds that was not measured: all weak ones are tilted there.

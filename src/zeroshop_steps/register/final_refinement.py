@@ -8,7 +8,7 @@ from typing import Any
 import pycolmap
 
 from zeroshop_steps.register.mapping.reregistration import remove_images
-from zeroshop_steps.register.refinement.keypoint_refinement import Adjust, adjust_freely, refine_keypoints
+from zeroshop_steps.register.refinement.keypoint_refinement import refine_keypoints
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.silhouettes.model_adjustment import adjust_model_by_silhouettes
 from zeroshop_steps.register.silhouettes.state import TrackKind
@@ -55,20 +55,18 @@ class Improver:
         image_set: of the registration.
         check: of a model against masks and image pairs.
         needed: images that must stay. Those that contradict the changed model alone are left out: the others had been bent to them.
-        adjust: adjusts cameras and points to keypoints that were aligned.
     """
 
     image_set: ImageSet
     check: Callable[[pycolmap.Reconstruction], ConsistencyReport]
     needed: int
-    adjust: Adjust = adjust_freely
 
     def refine_keypoints(self, hypothesis: Hypothesis) -> tuple[Hypothesis, Entries]:
         """Bring the points into line by the pictures; with the record's entries."""
         images = {path.name: path for path in self.image_set.images}
 
         def change(model: pycolmap.Reconstruction) -> tuple[pycolmap.Reconstruction, Entries]:
-            refined, figures = refine_keypoints(model, images, self.adjust)
+            refined, figures = refine_keypoints(model, images)
             return refined, {"sharpened": figures}
 
         return self._try(change, hypothesis)

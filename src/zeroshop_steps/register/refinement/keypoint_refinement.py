@@ -7,7 +7,6 @@ adjusted after the model is known is the finding of Lindenberger et al. 2021, wh
 """
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -80,18 +79,7 @@ class Picture:
         return self.scale * self.camera.img_from_cam(points @ self.pose[:, :3].T + self.pose[:, 3])
 
 
-Adjust = Callable[[pycolmap.Reconstruction, float], None]
-"""Adjusts the cameras and points of a model in place, under a loss of this scale in pixels."""
-
-
-def adjust_freely(model: pycolmap.Reconstruction, scale_px: float) -> None:
-    """Let the observations alone decide."""
-    adjust_robustly(model, scale_px, ITERATIONS)
-
-
-def refine_keypoints(
-    model: pycolmap.Reconstruction, images: dict[str, Path], adjust: Adjust = adjust_freely
-) -> tuple[pycolmap.Reconstruction, dict[str, float]]:
+def refine_keypoints(model: pycolmap.Reconstruction, images: dict[str, Path]) -> tuple[pycolmap.Reconstruction, dict[str, float]]:
     """A copy of a model whose observations are aligned by the pictures and whose cameras and points are adjusted to them.
 
     Points that are not aligned stay, at the place that fits the new cameras best.
@@ -99,7 +87,6 @@ def refine_keypoints(
     Args:
         model: with a pose for each image that counts.
         images: {image name: file}, in the pixels of the model's cameras.
-        adjust: adjusts cameras and points to the aligned observations.
 
     Returns:
         The copy, and figures: `points` aligned, `error_before_px` and `error_px`, the mean reprojection error of these points as they
@@ -127,7 +114,7 @@ def refine_keypoints(
     _replace_points(copy, model, aligned)
     unit_px = max(max(camera.width, camera.height) for camera in copy.cameras.values()) / REFERENCE_PX
     for scale_px in LOSS_SCALES_PX:
-        adjust(copy, scale_px * unit_px)
+        adjust_robustly(copy, scale_px * unit_px, ITERATIONS)
         copy.update_point_3d_errors()
         for point_id in [point_id for point_id, point in copy.points3D.items() if point.error > MOST_ERROR_PX * unit_px]:
             others[point_id] = model.points3D[point_id]
