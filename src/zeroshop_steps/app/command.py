@@ -2,6 +2,7 @@
 
 import os
 import sys
+import tempfile
 import time
 import webbrowser
 from collections.abc import Callable, Sequence
@@ -109,9 +110,11 @@ def mesh(board: str | None, objects: str | None, opens: bool, cores: int, **aske
 def check(source: Path) -> int:
     """Judge photos or a film in a minute, before anything long runs."""
     from zeroshop_steps.app.check import check_capture
+    from zeroshop_steps.app.importing import find_source
     from zeroshop_steps.app.reconstruction import require_source
 
-    problems, warnings = check_capture(require_source(source))
+    with tempfile.TemporaryDirectory() as folder:  # what other programs wrote is imported there
+        problems, warnings = check_capture(find_source(require_source(source), Path(folder), "checked").images)
     for line in problems:
         print(f"problem   {line}")
     for line in warnings:

@@ -18,7 +18,7 @@ from zeroshop_steps.capture.adapters import find_adapters, recognize
 from zeroshop_steps.capture.adapters.form import ImportOptions
 from zeroshop_steps.capture.given_cameras import GivenCameras, Lens, read_given_cameras
 from zeroshop_steps.geometry.cameras import write_cameras
-from zeroshop_steps.geometry.images import write_image, write_mask
+from zeroshop_steps.geometry.images import list_images, write_image, write_mask
 from zeroshop_steps.geometry.sparse_files import read_reconstruction
 from zeroshop_steps.geometry.transforms import OPENCV_FROM_OPENGL
 from zeroshop_steps.runtime.errors import StepError
@@ -284,6 +284,19 @@ def test_the_command_writes_the_common_form_and_a_mesh_is_asked_of_it(tmp_path, 
         Request([tmp_path / "mug", tmp_path / "theirs/images"], into=tmp_path).capture()
     assert main(["import", str(tmp_path / "theirs/masks"), "--out", str(tmp_path / "other")]) == 1
     assert "nothing that can be imported" in capsys.readouterr().err
+
+
+def test_a_check_judges_the_photos_of_other_programs(tmp_path, capsys, monkeypatch):
+    """They are imported to a folder that is gone afterwards."""
+    write_nerfstudio(tmp_path / "theirs")
+    judged = []
+    monkeypatch.setattr(
+        "zeroshop_steps.app.check.check_capture", lambda source: judged.append((source, len(list_images(source)))) or ([], [])
+    )
+    monkeypatch.chdir(tmp_path)
+    assert main(["check", "theirs"]) == 0 and "ready" in capsys.readouterr().out
+    [(folder, count)] = judged
+    assert count == len(list_images(tmp_path / "theirs/images")) and not folder.exists() and not (tmp_path / "results").exists()
 
 
 def test_cells_of_given_cameras_lie_where_the_workflow_puts_them():
