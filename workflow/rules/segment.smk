@@ -49,10 +49,8 @@ def segmentation_options(
     name = segmentation_method(wildcards)
     if name == GIVEN_MASKS:
         return step_options({"capture": f"{SCENE}/capture".format(**wildcards)})
-    options = options_of_segmentation(wildcards, name)
-    for listed in listed_objects(wildcards):
-        options += " " + step_options({"objects": f"{listed}/objects.json", "number": photos_of(wildcards)["number"]})
-    return options
+    chosen = [{"objects": f"{listed}/objects.json", "number": photos_of(wildcards)["number"]} for listed in listed_objects(wildcards)]
+    return " ".join([options_of_segmentation(wildcards, name), *map(step_options, chosen)])
 
 
 def listed_objects(
