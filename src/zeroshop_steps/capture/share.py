@@ -14,6 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Write the folder."""
+    """Write the folder. Snakemake's own hidden file is not linked: it is touched, and that would make the other object's folder stale."""
+    hidden = shutil.ignore_patterns(".*")
     with atomic_directory(args.out) as folder:
-        shutil.copytree(args.folder, folder, copy_function=link_or_copy, dirs_exist_ok=True)
+        shutil.copytree(args.folder, folder, ignore=hidden, copy_function=link_or_copy, dirs_exist_ok=True)
