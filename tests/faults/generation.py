@@ -153,7 +153,7 @@ FAULTS = [
     Fault(
         "a measured mesh finished without cameras",
         finish_alone(seconds=1.0),
-        (r"raw_mesh\.json is not of a mesh that was generated without cameras", "finish a mesh with cameras by clean"),
+        (r"raw_mesh\.json is not of a mesh that was generated without cameras", "finish a mesh with cameras by shape and texture"),
     ),
     Fault(
         "a generated mesh without colours",

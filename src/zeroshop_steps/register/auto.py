@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> None:
         return predicted_masks.register_by_predicted_masks(folder, image_set, network, maps, lambda masked: by(masked, folder))
 
     def fill(folder: Path) -> dict[str, Any]:
-        with scratch_directory(folder, "scene") as scratch:
+        with scratch_directory(folder, "colmap") as scratch:
             scene = colmap.read_options(args)
             proposers = [
                 replace(proposer, fill=functools.partial(check, proposer.fill))

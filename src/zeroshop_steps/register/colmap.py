@@ -104,7 +104,7 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions, match: Matc
     Raises:
         RegistrationFailed: too few images, or an inconsistent model.
     """
-    with scratch_directory(out, "scene") as scratch:
+    with scratch_directory(out, "colmap") as scratch:
         return propose(out, make_proposers(image_set, options, scratch, match))
 
 
