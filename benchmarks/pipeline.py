@@ -92,14 +92,14 @@ def main() -> int:
     """Run the command line and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("target", help="as snakemake is asked for it")
-    parser.add_argument("--cores", type=int, nargs="+", default=[1, 2, 4, 8], help="numbers of cores; more than there are are left out")
+    parser.add_argument("--cores", type=int, nargs="+", default=[1, 2, 4, 8], help="numbers of cores; what this machine lacks is left out")
     parser.add_argument("--config", nargs="+", default=[], metavar="KEY=VALUE", help="as of snakemake")
     parser.add_argument("--out", type=Path, required=True, help="folder to write: CORES.csv and CORES.png, and all.csv")
     args = parser.parse_args()
     there = sorted(os.sched_getaffinity(0))
     args.out.mkdir(parents=True, exist_ok=True)
     totals = []
-    for count in [count for count in args.cores if count <= len(there)]:
+    for count in sorted({count for count in args.cores if count <= len(there)}):
         with tempfile.TemporaryDirectory() as folder:
             run = measure(args.target, args.config, there[:count], Path(folder))
             if run is None:
