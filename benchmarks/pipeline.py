@@ -24,6 +24,8 @@ import matplotlib
 import numpy as np
 import psutil
 
+from zeroshop_steps.runtime.tables import write_table
+
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
@@ -106,7 +108,7 @@ def main() -> int:
                 return 1
             wall_s, trace = run
             rows = read_stages(Path(folder))
-        write_rows(args.out / f"{count}.csv", rows)
+        write_table(args.out / f"{count}.csv", rows)
         draw(trace, args.out / f"{count}.png", f"{args.target}, {count} cores")
         cpu_s = sum(trace.seconds.values())
         totals.append({"cores": count, "wall_s": round(wall_s, 1), "cpu_s": round(cpu_s, 1), "speed_up": 1.0})
@@ -114,7 +116,7 @@ def main() -> int:
         print("\n".join(" | ".join(str(row[column]) for column in COLUMNS) for row in rows), totals[-1], sep="\n")
         if trace.others_s > BUSY_SHARE * count * wall_s:
             print(f"warning: other work took {trace.others_s:.0f} s of these cores: times are too long", file=sys.stderr)
-    write_rows(args.out / "all.csv", totals)
+    write_table(args.out / "all.csv", totals)
     return 0
 
 
@@ -160,14 +162,6 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:  # a job that ended before it was asked has "-" or "NA"
         return 0.0
-
-
-def write_rows(path: Path, rows: list[dict[str, object]]) -> None:
-    """Write rows as CSV."""
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def draw(trace: Trace, path: Path, title: str) -> None:

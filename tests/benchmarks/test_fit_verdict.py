@@ -1,25 +1,18 @@
 """The fit of the verdict on cameras, on strengths whose meaning is known."""
 
 import json
-import sys
 from argparse import Namespace
 
 import numpy as np
 import pytest
 
-from helpers.paths import REPOSITORY
+from helpers.benchmark_scripts import load_script
 from zeroshop_steps.register.verification.verdict import MEASURES
 
 
 @pytest.fixture(scope="module")
 def fitting():
-    sys.path.insert(0, str(REPOSITORY / "benchmarks"))
-    try:
-        import fit_verdict
-
-        yield fit_verdict
-    finally:
-        sys.path.remove(str(REPOSITORY / "benchmarks"))
+    yield from load_script("fit_verdict")
 
 
 def make_strengths(rng, count):

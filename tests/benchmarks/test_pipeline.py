@@ -7,20 +7,14 @@ import time
 import psutil
 import pytest
 
-from helpers.paths import REPOSITORY
+from helpers.benchmark_scripts import load_script
 
 HEADER = "s\th:m:s\tmax_rss\tmax_vms\tmax_uss\tmax_pss\tio_in\tio_out\tmean_load\tcpu_time\n"
 
 
 @pytest.fixture(scope="module")
 def pipeline():
-    sys.path.insert(0, str(REPOSITORY / "benchmarks"))
-    try:
-        import pipeline
-
-        yield pipeline
-    finally:
-        sys.path.remove(str(REPOSITORY / "benchmarks"))
+    yield from load_script("pipeline")
 
 
 @pytest.mark.parametrize(

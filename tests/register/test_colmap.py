@@ -151,6 +151,18 @@ def test_where_too_few_images_match_finer_features_are_tried(tmp_path, monkeypat
     assert record["tried"]["colmap"]["reason"] == "19 of 40 images registered"
 
 
+def test_where_the_features_are_the_finest_nothing_is_said_to_be_tried(tmp_path, monkeypatch, capsys):
+    image_set = ImageSet(tuple(tmp_path / f"{number}.png" for number in range(20)), None, ((1280, 720),) * 20)
+
+    def refuse(images, out, database, options, record, stopwatch, match):
+        raise record.add(first_octave=-1).fail("9 of 20 images registered", kind=TooFewRegistered)
+
+    monkeypatch.setattr(colmap, "match_and_reconstruct", refuse)
+    with pytest.raises(TooFewRegistered, match="^9 of 20 images registered$") as error:
+        colmap.register(image_set, tmp_path, colmap.ColmapOptions())
+    assert list(error.value.figures["tried"]) == ["colmap"] and "finer" not in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(("octave", "finer"), [(0, -1), (-1, None)])
 def test_few_images_have_finer_features_only_where_coarse_ones_were_used(octave, finer):
     found = refine(SiftOptions(), octave, 20)

@@ -18,6 +18,11 @@ LEAST_PAIRS = 3  # a similarity between two sets of points needs three
 OFF_MEDIANS, ROUNDS = 4.0, 5  # a point that lies so many median errors off does not count; rounds until the same ones are left
 
 
+def find_centre(camera_from_world: np.ndarray) -> np.ndarray:
+    """(3,) centre of a camera, by its (4, 4) pose."""
+    return np.asarray(-camera_from_world[:3, :3].T @ camera_from_world[:3, 3])
+
+
 @dataclass(frozen=True)
 class Camera:
     """A pinhole camera: x right, y down, z forward; pixel (0, 0)'s centre is at (0.5, 0.5) as in COLMAP.
@@ -38,7 +43,7 @@ class Camera:
     @property
     def centre_in_world(self) -> np.ndarray:
         """(3,) camera centre."""
-        return -self.camera_from_world[:3, :3].T @ self.camera_from_world[:3, 3]
+        return find_centre(self.camera_from_world)
 
     @property
     def pinhole_params(self) -> list[float]:

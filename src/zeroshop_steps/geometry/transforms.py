@@ -67,3 +67,8 @@ def crop_to_mask(camera: Camera, mask: np.ndarray) -> tuple[Camera, int, int]:
     side = int(np.ceil(CROP_MARGIN * max(np.ptp(rows), np.ptp(columns)))) + 1
     left, top = int(columns[0] + columns[-1] - side) // 2, int(rows[0] + rows[-1] - side) // 2
     return camera.cropped(left, top, side, side), left, top
+
+
+def measure_turn_deg(one: np.ndarray, other: np.ndarray) -> float:
+    """Angle between two (3, 3) rotations, in degrees."""
+    return float(np.degrees(np.arccos(np.clip((np.trace(other @ one.T) - 1) / 2, -1, 1))))

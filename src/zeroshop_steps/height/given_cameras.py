@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.capture.given_cameras import FILE, read_given_cameras
-from zeroshop_steps.geometry.cameras import fit_similarity_robustly
+from zeroshop_steps.geometry.cameras import find_centre, fit_similarity_robustly
 from zeroshop_steps.geometry.transforms import compute_scale, transform_points
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.runtime.errors import StepError
@@ -50,7 +50,7 @@ def measure_scale(registered: RegisteredObject) -> Scale | None:
             f"{len(pairs)} registered cameras have a given pose in {path}, {LEAST_CAMERAS} are needed; use another height_method"
         )
     source = np.array([centre for centre, _ in pairs])
-    target = np.array([-pose[:3, :3].T @ pose[:3, 3] for _, pose in pairs])
+    target = np.array([find_centre(pose) for _, pose in pairs])
     similarity, kept = fit_similarity_robustly(source, target)
     errors_m = np.linalg.norm(transform_points(source, similarity) - target, axis=1)
     spread_m = float(np.sqrt(((target[kept] - target[kept].mean(0)) ** 2).sum()))

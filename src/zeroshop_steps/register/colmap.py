@@ -113,9 +113,9 @@ def make_proposers(image_set: ImageSet, options: ColmapOptions, scratch: Path, m
     scene = _Scene(image_set, options, scratch, match)
     proposers = [Proposer("colmap", scene.register)]
     if match is None:
-        proposers.append(Proposer("finer features", scene.register_by_finer_features, (TooFewRegistered,)))
+        proposers.append(Proposer("finer features", scene.register_by_finer_features, scene.has_finer_features))
     if options.structure.leave_out and not options.structure.object_only:
-        proposers.append(Proposer("covering pairs", scene.register_by_covering_pairs, (Inconsistent,)))
+        proposers.append(Proposer("covering pairs", scene.register_by_covering_pairs, lambda failure: isinstance(failure, Inconsistent)))
     return proposers
 
 
@@ -137,12 +137,17 @@ class _Scene:
         """From all pairs."""
         return self._register(out, fit_to_count(self.options.sift, len(self.image_set.images)))
 
+    def has_finer_features(self, failure: RegistrationFailed) -> bool:
+        """Whether too few images matched, by features that were not the finest."""
+        return isinstance(failure, TooFewRegistered) and self._refine(failure) is not None
+
+    def _refine(self, failure: RegistrationFailed) -> SiftOptions | None:
+        return refine(self.options.sift, failure.figures["first_octave"], len(self.image_set.images))
+
     def register_by_finer_features(self, out: Path, failure: RegistrationFailed | None) -> dict[str, Any]:
-        """From all pairs, by features at a higher resolution; raises the failure where there are none."""
-        assert failure is not None
-        finer = refine(self.options.sift, failure.figures["first_octave"], len(self.image_set.images))
-        if finer is None:
-            raise failure
+        """From all pairs, by features at a higher resolution."""
+        finer = self._refine(failure) if failure else None
+        assert finer is not None
         self._database.unlink()
         return self._register(out, finer)
 

@@ -35,12 +35,12 @@ class Proposer:
     Attributes:
         name: for the record and the user.
         fill: writes a cameras folder, and returns its record; raises RegistrationFailed. It is given what the one asked before failed by.
-        after: kinds of failure that it mends: it is asked after them alone. Empty if it is asked anyway.
+        mends: whether it can mend a failure: it is asked after such ones alone. None if it is asked anyway.
     """
 
     name: str
     fill: Fill
-    after: tuple[type[RegistrationFailed], ...] = ()
+    mends: Callable[[RegistrationFailed], bool] | None = None
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def propose(out: Path, proposers: Sequence[Proposer], advice: str = "") -> dict[
     failure: RegistrationFailed | None = None
     with scratch_directory(out, "proposals") as scratch:
         for number, proposer in enumerate(proposers):
-            if proposer.after and not isinstance(failure, proposer.after):
+            if proposer.mends and not (failure and proposer.mends(failure)):
                 continue
             if tried:
                 before = list(tried)[-1]
@@ -96,7 +96,7 @@ def propose(out: Path, proposers: Sequence[Proposer], advice: str = "") -> dict[
                 found = Proposal(proposer.name, folder, proposer.fill(folder, failure))
             except RegistrationFailed as error:
                 failure, reason = error, str(error)
-                if not proposer.after:
+                if not proposer.mends:
                     failures[proposer.name] = error
             else:
                 failure = None

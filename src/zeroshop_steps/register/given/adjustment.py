@@ -14,8 +14,9 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.capture.given_cameras import GivenCameras
-from zeroshop_steps.geometry.cameras import LEAST_PAIRS, fit_similarity_robustly, to_matrix
-from zeroshop_steps.register.mapping.mapper import triangulate_points
+from zeroshop_steps.geometry.cameras import LEAST_PAIRS, find_centre, fit_similarity_robustly, to_matrix
+from zeroshop_steps.geometry.transforms import measure_turn_deg
+from zeroshop_steps.register.mapping.mapper import make_adjustment_options, triangulate_points
 from zeroshop_steps.register.mapping.reregistration import ITERATIONS, LOSS_SCALE_PX, STRICT_ERROR_PX
 from zeroshop_steps.register.scene.image_set import ImageSet
 
@@ -101,12 +102,7 @@ def adjust(model: pycolmap.Reconstruction, given: GivenCameras, scale_px: float 
 
     Lenses stay as they were given. An image with fewer than `LEAST_POINTS` points keeps its pose.
     """
-    options = pycolmap.BundleAdjustmentOptions()
-    options.print_summary = False
-    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
-    options.ceres.loss_function_scale = scale_px
-    options.ceres.solver_options.num_threads = 1  # on several, sums are formed in a changing order
-    options.ceres.solver_options.max_num_iterations = ITERATIONS
+    options = make_adjustment_options(scale_px, ITERATIONS)
     options.refine_focal_length = options.refine_extra_params = False
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in sorted(model.reg_image_ids()):
@@ -128,7 +124,7 @@ def adjust(model: pycolmap.Reconstruction, given: GivenCameras, scale_px: float 
         image = model.images[image_id]
         if image.name in poses:
             prior = pycolmap.PosePrior(
-                position=_find_centre(poses[image.name]),
+                position=find_centre(poses[image.name]),
                 position_covariance=covariance,
                 coordinate_system=pycolmap.PosePriorCoordinateSystem.CARTESIAN,
                 corr_data_id=image.data_id,
@@ -145,7 +141,7 @@ def adjust(model: pycolmap.Reconstruction, given: GivenCameras, scale_px: float 
 def align(model: pycolmap.Reconstruction, given: GivenCameras) -> None:
     """Lay a model onto the given cameras by a similarity, in place; single ones that are far off do not count."""
     pairs = [
-        (_find_centre(to_matrix(pose)), _find_centre(given.poses[name])) for name, pose in take_poses(model).items() if name in given.poses
+        (find_centre(to_matrix(pose)), find_centre(given.poses[name])) for name, pose in take_poses(model).items() if name in given.poses
     ]
     if len(pairs) < LEAST_PAIRS:
         return
@@ -158,14 +154,9 @@ def measure_shifts(model: pycolmap.Reconstruction, given: GivenCameras) -> Shift
     stated, poses = given.poses, take_poses(model)
     names = tuple(sorted(name for name in poses if name in stated))
     found = [to_matrix(poses[name]) for name in names]
-    moved = np.array([_find_centre(pose) - _find_centre(stated[name]) for name, pose in zip(names, found, strict=True)]).reshape(-1, 3)
-    traces = [np.trace(pose[:3, :3] @ stated[name][:3, :3].T) for name, pose in zip(names, found, strict=True)]
-    turned = np.degrees(np.arccos(np.clip((np.array(traces) - 1) / 2, -1.0, 1.0)))
+    moved = np.array([find_centre(pose) - find_centre(stated[name]) for name, pose in zip(names, found, strict=True)]).reshape(-1, 3)
+    turned = np.array([measure_turn_deg(stated[name][:3, :3], pose[:3, :3]) for name, pose in zip(names, found, strict=True)])
     length = np.linalg.norm(moved, axis=1)
     by_place = length / (np.sqrt(3) * given.position_deviation_m) if given.position_deviation_m else None
     by_turn = turned / (np.sqrt(3) * given.rotation_deviation_deg) if given.rotation_deviation_deg else None
     return Shifts(names, length, turned, by_place, by_turn)
-
-
-def _find_centre(pose: np.ndarray) -> np.ndarray:
-    return np.asarray(-pose[:3, :3].T @ pose[:3, 3])

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.transforms import OPENCV_FROM_OPENGL
+from zeroshop_steps.geometry.transforms import OPENCV_FROM_OPENGL, measure_turn_deg
 from zeroshop_steps.register.matching.view_graph import LEAST_TIES
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 from zeroshop_steps.register.verification.epipolar_support import find_explained
@@ -169,7 +169,7 @@ def _turn_alike(poses: Poses, pairs: Sequence[PairMatches]) -> bool:
             continue
         seen = cv2.recoverPose(essential, pair.rays_first, pair.rays_second, np.eye(3), mask=inliers)[1]
         given = (poses[pair.second] @ np.linalg.inv(poses[pair.first]))[:3, :3]
-        angles = [float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))) for turn in (seen, given)]
+        angles = [measure_turn_deg(np.eye(3), turn) for turn in (seen, given)]
         if max(angles) > LEAST_ANGLE_DEG:
             differences.append(abs(angles[0] - angles[1]))
     return len(differences) >= TURNS // 6 and float(np.median(differences)) < SAME_ANGLE_DEG

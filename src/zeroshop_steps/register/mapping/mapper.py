@@ -55,6 +55,17 @@ def _allow_coefficients(database: Path, options: pycolmap.IncrementalPipelineOpt
             options.max_extra_param = options.mapper.max_extra_param = WIDE_COEFFICIENT
 
 
+def make_adjustment_options(scale_px: float, iterations: int) -> pycolmap.BundleAdjustmentOptions:
+    """Options of bundle adjustment under a Cauchy loss of this scale, with so many iterations at most, whose bytes repeat."""
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+    options.ceres.loss_function_scale = scale_px
+    options.ceres.solver_options.num_threads = 1  # on several, sums are formed in a changing order
+    options.ceres.solver_options.max_num_iterations = iterations
+    return options
+
+
 def adjust_robustly(model: pycolmap.Reconstruction, scale_px: float, iterations: int, cameras: bool = True) -> None:
     """Adjust cameras and points of a model under a Cauchy loss, in place.
 
@@ -63,12 +74,7 @@ def adjust_robustly(model: pycolmap.Reconstruction, scale_px: float, iterations:
         iterations: at most.
         cameras: whether poses and lenses are adjusted, too, or the points alone.
     """
-    options = pycolmap.BundleAdjustmentOptions()
-    options.print_summary = False
-    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
-    options.ceres.loss_function_scale = scale_px
-    options.ceres.solver_options.num_threads = 1  # on several, sums are formed in a changing order
-    options.ceres.solver_options.max_num_iterations = iterations
+    options = make_adjustment_options(scale_px, iterations)
     if not cameras:
         options.refine_focal_length = options.refine_extra_params = options.refine_rig_from_world = False
     pycolmap.bundle_adjustment(model, options)

@@ -36,8 +36,8 @@ class EpipolarSupport:
 
     def take(self, names: Sequence[str]) -> "EpipolarSupport":
         """The matches of these images alone, in the order of the names that are there."""
-        kept = np.array([name in set(names) for name in self.names], bool)
-        chosen = tuple(name for name in self.names if name in set(names))
+        kept = np.isin(self.names, names)
+        chosen = tuple(np.array(self.names)[kept].tolist())
         return EpipolarSupport(chosen, self.supporting[kept][:, kept], self.contradicting[kept][:, kept])
 
     def weakest_cut(self) -> tuple[int, tuple[str, ...]]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from zeroshop_steps.geometry.transforms import measure_turn_deg
 from zeroshop_steps.register.scene.record import Finding
 
 JUMP_DEG = 75.0
@@ -39,8 +40,3 @@ def find_jump(model: pycolmap.Reconstruction, cuts: Sequence[int] = ()) -> Findi
     found = f"between {pair}, the camera would turn by {turns[worst]:.0f} degrees"
     alone = [index + 1 for index in jumps[:-1] if index + 1 in jumps]
     return Finding("jump", float(turns[worst] / limit_deg), found, (names[alone[0]],) if alone else ())
-
-
-def measure_turn_deg(one: np.ndarray, other: np.ndarray) -> float:
-    """Angle between two (3, 3) rotations, in degrees."""
-    return float(np.degrees(np.arccos(np.clip((np.trace(other @ one.T) - 1) / 2, -1, 1))))

@@ -17,10 +17,10 @@ import pycolmap
 from zeroshop_steps.geometry.cameras import take_cameras
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.support_plane import estimate_up_from_roll
+from zeroshop_steps.geometry.transforms import measure_turn_deg
 from zeroshop_steps.register.matching.rotation_consistency import estimate_turn
 from zeroshop_steps.register.scene.record import Evidence, Finding
 from zeroshop_steps.register.verification.epipolar_support import count_epipolar_support
-from zeroshop_steps.register.verification.film_path import measure_turn_deg
 from zeroshop_steps.register.verification.view_coverage import measure_directions, measure_view_coverage
 from zeroshop_steps.runtime.errors import StepError
 
