@@ -20,7 +20,7 @@ import numpy as np
 import torch
 from mask_samples import Truth, mislead, name_object, read_truth, sample, scale_to
 
-from zeroshop_steps.geometry.images import compute_overlap
+from zeroshop_steps.geometry.imaging.images import compute_overlap
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.segment import fusion, scores
 from zeroshop_steps.segment.finder import Hypothesis, try_support

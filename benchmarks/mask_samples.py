@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import read_mask
-from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import View, read_views
+from zeroshop_steps.geometry.imaging.images import read_mask
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.segment import fusion, solve
 from zeroshop_steps.segment.exposure import estimate_exposure

@@ -17,7 +17,7 @@ import torch
 import torch.nn.functional as F
 from masked_photos import MaskedPhoto, find_rendered
 
-from zeroshop_steps.geometry.images import read_image, read_mask
+from zeroshop_steps.geometry.imaging.images import read_image, read_mask
 from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS
 from zeroshop_steps.networks.u2net import U2Net, read_weights, write_weights
 from zeroshop_steps.runtime.errors import StepError

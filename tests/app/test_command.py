@@ -15,7 +15,7 @@ from zeroshop_steps import __version__
 from zeroshop_steps.app import reconstruction, workflow
 from zeroshop_steps.app.captures import read_captures
 from zeroshop_steps.app.command import main
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.methods import REGISTRATIONS
 from zeroshop_steps.networks import weights
 from zeroshop_steps.networks.weights import WeightsFile

@@ -12,7 +12,7 @@ import pytest
 from helpers.paths import REPOSITORY
 from zeroshop_steps.app import project
 from zeroshop_steps.app.command import main
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.runtime.errors import StepError
 
 

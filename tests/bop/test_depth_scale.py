@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.bop.scene import read_scene
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.runtime.errors import StepError
 
 

@@ -8,7 +8,7 @@ import pytest
 from helpers.given import given_cameras, small_ring
 from zeroshop_steps.capture.given_cameras import Lens, read_given_cameras
 from zeroshop_steps.capture.photos import import_photos
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 

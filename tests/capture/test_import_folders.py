@@ -8,8 +8,8 @@ import trimesh
 
 from helpers.paths import REPOSITORY
 from zeroshop_steps import methods
-from zeroshop_steps.geometry.images import write_image, write_mask
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.imaging.images import write_image, write_mask
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.settings import read_objects
 

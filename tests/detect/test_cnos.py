@@ -14,7 +14,7 @@ from zeroshop_steps.detect.cnos import assign_objects, describe_views, score_obj
 from zeroshop_steps.detect.cnos.crops import MEAN, CropDescriber, crop_masked
 from zeroshop_steps.detect.cnos.segment_anything import SegmentAnything, drop_duplicate_masks, drop_small_masks, measure_stability
 from zeroshop_steps.detect.templates import read_templates
-from zeroshop_steps.geometry.images import read_image, read_mask
+from zeroshop_steps.geometry.imaging.images import read_image, read_mask
 from zeroshop_steps.runtime.cli import stage_methods
 
 

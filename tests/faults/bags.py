@@ -7,7 +7,7 @@ import numpy as np
 
 from helpers.faults import Fault, step
 from helpers.painted_scene import can
-from zeroshop_steps.geometry.meshes import write_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
 from zeroshop_steps.robot.bags import RecognitionBag, RecordedRequest
 from zeroshop_steps.robot.recognition import Recognition, Request
 from zeroshop_steps.runtime.files import write_json

@@ -99,8 +99,8 @@ def depth_in_metres(data: Path) -> None:
 
 def mesh_in_metres(data: Path) -> None:
     """A model in metres."""
-    from zeroshop_steps.geometry.meshes import write_ply
-    from zeroshop_steps.geometry.ply_surface import read_ply
+    from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+    from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
 
     mesh = read_ply(data / "models/obj_000001.ply")
     write_ply(data / "models/obj_000001.ply", type(mesh)(mesh.vertices / 1000, mesh.faces))

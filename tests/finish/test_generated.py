@@ -11,12 +11,12 @@ from zeroshop_steps.finish.close import close_by_generated
 from zeroshop_steps.finish.generated import propose
 from zeroshop_steps.finish.underside import drop_underside
 from zeroshop_steps.finish.watertight import GroundPlane
-from zeroshop_steps.geometry.images import write_mask
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.support_classes import MEASURED, UNSEEN
-from zeroshop_steps.geometry.surface_distance import measure_distances
+from zeroshop_steps.geometry.alignment.surface_distance import measure_distances
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.imaging.images import write_mask
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.observation.support_classes import MEASURED, UNSEEN
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.errors import StepError
 
 RADIUS_MM, HEIGHT_MM = 30.0, 45.0

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from helpers.coarse_ground import coarse_ground
-from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
-from zeroshop_steps.geometry.images import list_images, read_image, write_image
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model, write_cameras
+from zeroshop_steps.geometry.imaging.images import list_images, read_image, write_image
 from zeroshop_steps.height import marker
 from zeroshop_steps.height.scene_photos import localize_photos
 from zeroshop_steps.runtime.cli import stage_main

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from helpers.camera_ring import ring_camera
 from zeroshop_steps.capture.given_cameras import GivenCamera, GivenCameras, Lens
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 
 
 def small_ring(count: int = 12) -> list[Camera]:

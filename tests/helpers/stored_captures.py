@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
-from zeroshop_steps.geometry.images import write_mask
+from zeroshop_steps.geometry.cameras.pinhole import Camera, read_sparse_model
+from zeroshop_steps.geometry.imaging.images import write_mask
 from zeroshop_steps.networks.aliked import FeatureMatcher
 from zeroshop_steps.networks.object_finder import cut_main_things
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork

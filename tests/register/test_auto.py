@@ -10,8 +10,8 @@ import pytest
 from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
 from helpers.small_saliency import NORMALIZATION, write_network
 from zeroshop_steps.evaluate.mask_error import undistort_mask
-from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
-from zeroshop_steps.geometry.images import compute_overlap, read_mask
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model, write_cameras
+from zeroshop_steps.geometry.imaging.images import compute_overlap, read_mask
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.register import auto
 from zeroshop_steps.register.proposals import Proposer, propose

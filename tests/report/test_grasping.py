@@ -5,7 +5,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.geometry.imaging.images import read_image
 from zeroshop_steps.report.grasp_robustness import draw_scale_plot
 from zeroshop_steps.report.grasping import FIRST, OVERLAP_POSED, OVERLAP_SEGMENTED, SECOND
 from zeroshop_steps.report.thesis_entries import WAITING, list_grasps

@@ -11,7 +11,7 @@ from helpers.painted_scene import CAN, CARTON
 from zeroshop_steps.bop.models import read_models
 from zeroshop_steps.bop.pose_error import ModelPoints, mssd
 from zeroshop_steps.detect.detector_io import ObjectMask
-from zeroshop_steps.geometry.images import read_image, read_mask
+from zeroshop_steps.geometry.imaging.images import read_image, read_mask
 from zeroshop_steps.methods import DETECTORS, ESTIMATORS, Method, lacks
 from zeroshop_steps.robot.object_store import ObjectStore
 from zeroshop_steps.robot.recognition import Request

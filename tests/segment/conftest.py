@@ -5,9 +5,9 @@ import functools
 import numpy as np
 import pytest
 
-from zeroshop_steps.geometry.cameras import SparseModel, read_sparse_model
-from zeroshop_steps.geometry.images import read_depth_mm
-from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.cameras.pinhole import SparseModel, read_sparse_model
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.imaging.images import read_depth_mm
 from zeroshop_steps.synthetic import lighting, scene_meshes
 from zeroshop_steps.synthetic.demo_objects import write_demo_object
 from zeroshop_steps.synthetic.raycast import capture

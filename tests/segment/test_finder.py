@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from helpers.table_scene import COUNT, ball_mask, table_views
-from zeroshop_steps.geometry.images import compute_overlap
+from zeroshop_steps.geometry.imaging.images import compute_overlap
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.exposure import Exposure
 from zeroshop_steps.segment.finder import find_all_on, find_masks

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
-from zeroshop_steps.geometry.images import compute_overlap
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.imaging.images import compute_overlap
 from zeroshop_steps.networks.grounding_dino import Box, choose_box
 from zeroshop_steps.networks.sam2 import TrackedMask
 from zeroshop_steps.runtime.errors import StepError

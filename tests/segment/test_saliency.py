@@ -8,7 +8,7 @@ import pytest
 
 from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
 from helpers.small_saliency import DEVIATION, MEAN, NORMALIZATION, write_network
-from zeroshop_steps.geometry.images import compute_overlap, list_images, read_mask, write_image
+from zeroshop_steps.geometry.imaging.images import compute_overlap, list_images, read_mask, write_image
 from zeroshop_steps.networks.object_finder import cut_main_things, keep_main_thing
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.cli import stage_main

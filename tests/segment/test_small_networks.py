@@ -9,8 +9,8 @@ import torch
 
 from helpers.ball_scene import write_ball_scene
 from helpers.small_networks import write_detector, write_tracker
-from zeroshop_steps.geometry.images import compute_overlap, list_images, read_mask
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.imaging.images import compute_overlap, list_images, read_mask
 from zeroshop_steps.networks.grounding_dino import Detector
 from zeroshop_steps.networks.sam2 import ObjectTracker
 from zeroshop_steps.runtime.cli import stage_main

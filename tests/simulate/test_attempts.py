@@ -10,8 +10,8 @@ from zeroshop_steps.bop.export_models import write_model
 from zeroshop_steps.bop.models import list_objects, read_models
 from zeroshop_steps.bop.scene import read_scene, write_scene
 from zeroshop_steps.detect.templates import render_templates
-from zeroshop_steps.geometry.images import read_image
-from zeroshop_steps.geometry.ply_surface import read_ply
+from zeroshop_steps.geometry.imaging.images import read_image
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.grasp.antipodal import GraspOptions
 from zeroshop_steps.grasp.gripper import GRIPPERS
 from zeroshop_steps.runtime.files import read_json, write_json

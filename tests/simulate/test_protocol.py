@@ -5,7 +5,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.grasp.gripper import GRIPPERS
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.simulate.known_grasps import close_below

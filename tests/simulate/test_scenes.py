@@ -12,9 +12,9 @@ from zeroshop_steps.bop.export_models import write_model
 from zeroshop_steps.bop.models import list_objects, read_models
 from zeroshop_steps.bop.scene import HALF_PX, list_scenes, read_scene
 from zeroshop_steps.detect.templates import render_templates
-from zeroshop_steps.geometry.images import read_image
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
+from zeroshop_steps.geometry.imaging.images import read_image
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json

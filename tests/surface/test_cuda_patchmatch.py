@@ -7,8 +7,8 @@ from helpers import simulated_stereo
 from helpers.simulator import run_in_simulator
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.kernel_devices import has_cuda
-from zeroshop_steps.surface.cpu_patchmatch import CpuPatchMatch
-from zeroshop_steps.surface.patchmatch import make_patchmatch
+from zeroshop_steps.surface.mvs.cpu_patchmatch import CpuPatchMatch
+from zeroshop_steps.surface.mvs.patchmatch import make_patchmatch
 
 
 def measure_agreement(found: list[np.ndarray], expected: list[np.ndarray]) -> float:

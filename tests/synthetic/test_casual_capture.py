@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from helpers.capture_box import box_mesh, write_box
-from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.geometry.images import compute_overlap, list_images, read_mask
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
+from zeroshop_steps.geometry.imaging.images import compute_overlap, list_images, read_mask
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.synthetic import casual_scene, casual_tops, home_objects, lighting, table_scene
 from zeroshop_steps.synthetic.camera_rings import ObjectBounds

@@ -9,8 +9,8 @@ import pytest
 
 from helpers.capture_box import box_mesh, write_box
 from zeroshop_steps.capture.video import extract_frames
-from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.geometry.images import list_images, read_mask
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
+from zeroshop_steps.geometry.imaging.images import list_images, read_mask
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.synthetic import lighting, table_scene, table_tops
 from zeroshop_steps.synthetic.board_scene import BOARD, place_empty_cameras

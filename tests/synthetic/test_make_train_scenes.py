@@ -7,8 +7,8 @@ import pytest
 
 from zeroshop_steps.bop.depth_render import DepthRenderer
 from zeroshop_steps.bop.scene import read_scene
-from zeroshop_steps.geometry.images import read_image, read_mask, write_image
-from zeroshop_steps.geometry.meshes import write_ply
+from zeroshop_steps.geometry.imaging.images import read_image, read_mask, write_image
+from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.synthetic.distractors import make_distractor

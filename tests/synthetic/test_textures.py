@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from zeroshop_steps.geometry.srgb import linear_to_srgb, srgb_to_linear
+from zeroshop_steps.geometry.imaging.srgb import linear_to_srgb, srgb_to_linear
 from zeroshop_steps.synthetic.textures import LINEAR_OF_BYTE, build_pyramid, encode_srgb, sample_mip_levels
 
 

@@ -28,9 +28,9 @@ from zeroshop_steps.capture.mask_names import split_masks
 from zeroshop_steps.capture.photo_files import is_cut_out, list_photos, open_picture, read_cut_out, read_photo
 from zeroshop_steps.capture.photos import MIN_IMAGES, MOST_IMAGES
 from zeroshop_steps.capture.video import choose_frames, read_frames, read_numbers, scan_video
-from zeroshop_steps.geometry.images import measure_border_share
-from zeroshop_steps.geometry.registered_views import space_evenly
-from zeroshop_steps.geometry.view_similarity import count_common_features, describe_view
+from zeroshop_steps.geometry.cameras.registered_views import space_evenly
+from zeroshop_steps.geometry.imaging.image_overlap import count_common_features, describe_view
+from zeroshop_steps.geometry.imaging.images import measure_border_share
 from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.errors import StepError

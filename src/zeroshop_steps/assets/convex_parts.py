@@ -5,7 +5,7 @@ from types import ModuleType
 
 import numpy as np
 
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.open3d_loader import o3d
 

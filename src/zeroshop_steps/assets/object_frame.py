@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.geometry.metric_mesh import METRES_PER_MM, read_metric_mesh
+from zeroshop_steps.geometry.meshes.metric_mesh import METRES_PER_MM, read_metric_mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 

@@ -14,15 +14,15 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.similarity_icp import SimilarityFit, SimilarityRefiner
-from zeroshop_steps.bop.similarity_search import search_similarities
 from zeroshop_steps.bop.symmetry import list_symmetry_transforms
-from zeroshop_steps.geometry.mesh_files import read_mesh
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.support_classes import with_surface_support
-from zeroshop_steps.geometry.surface_distance import measure_distances
-from zeroshop_steps.geometry.surface_points import sample_surface_points
-from zeroshop_steps.geometry.transforms import compute_scale, transform_points
+from zeroshop_steps.geometry.alignment.similarity_icp import SimilarityFit, SimilarityRefiner
+from zeroshop_steps.geometry.alignment.similarity_search import search_similarities
+from zeroshop_steps.geometry.alignment.surface_distance import measure_distances
+from zeroshop_steps.geometry.alignment.surface_points import sample_surface_points
+from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_points
+from zeroshop_steps.geometry.meshes.mesh_files import read_mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.observation.support_classes import with_surface_support
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json, write_json
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 NEAREST_MM = 1e-3  # corners of the box closer to the camera plane have no usable projection

@@ -12,8 +12,8 @@ from scipy.spatial.distance import pdist
 
 from zeroshop_steps.bop.schema import read_validated
 from zeroshop_steps.bop.symmetry import check_symmetries, list_symmetry_transforms
-from zeroshop_steps.geometry.mesh_files import SUFFIXES, find_mesh, read_mesh
-from zeroshop_steps.geometry.meshes import Mesh, diameter_of
+from zeroshop_steps.geometry.meshes.mesh_files import SUFFIXES, find_mesh, read_mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, diameter_of
 from zeroshop_steps.runtime.errors import StepError, warn
 
 PLAUSIBLE_DIAMETER_MM = (10.0, 3000.0)  # outside, a model is not in millimetres

@@ -20,8 +20,8 @@ from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
 from zeroshop_steps.bop.poses import make_transform
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets, size_finder
-from zeroshop_steps.geometry.images import read_image, write_image
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.geometry.imaging.images import read_image, write_image
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory
 

@@ -15,10 +15,10 @@ import numpy as np
 
 from zeroshop_steps.bop.poses import NEAREST_MM, check_rotations, check_translations, make_transform
 from zeroshop_steps.bop.schema import read_validated
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.depth_images import depth_to_mm
-from zeroshop_steps.geometry.image_files import read_size_px
-from zeroshop_steps.geometry.images import decode_image, read_image, read_mask
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
+from zeroshop_steps.geometry.imaging.image_files import read_size_px
+from zeroshop_steps.geometry.imaging.images import decode_image, read_image, read_mask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
 

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.surface_points import sample_surface_points
+from zeroshop_steps.geometry.alignment.surface_points import sample_surface_points
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 
 MOVED_DIAMETERS = 0.02  # how far from the surface a transform may move all but a hundredth of its points
 FEW_SAMPLES, SAMPLES, DENSE_SAMPLES = 200, 1500, 40_000  # of the surface: points that are moved, and points that stand for it

@@ -18,7 +18,7 @@ from zeroshop_steps.bop.depth_render import DepthRenderer
 from zeroshop_steps.bop.models import list_objects, read_models
 from zeroshop_steps.bop.scene import Frame, Instance, list_scenes, write_scene
 from zeroshop_steps.bop.targets import Frames, find_targets, read_target_frames, read_targets, write_targets
-from zeroshop_steps.geometry.images import write_mask
+from zeroshop_steps.geometry.imaging.images import write_mask
 from zeroshop_steps.runtime.downloads import download
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory, locked, read_json, write_json

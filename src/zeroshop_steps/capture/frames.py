@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.contact_sheets import arrange_in_rows, tile_size_px, write_label
+from zeroshop_steps.geometry.imaging.contact_sheets import arrange_in_rows, tile_size_px, write_label
 from zeroshop_steps.runtime.files import write_json
 
 # Levels are of 255. Set by hand on the kitchen photos, DTU, DexYCB and rendered films.

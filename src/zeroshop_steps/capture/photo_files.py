@@ -11,8 +11,8 @@ from pi_heif import register_heif_opener
 from PIL import ExifTags, Image, ImageOps
 from PIL.TiffImagePlugin import IFDRational
 
-from zeroshop_steps.geometry.image_files import FORMATS, check_kind, check_size, list_folder
-from zeroshop_steps.geometry.images import IMAGE_SUFFIXES
+from zeroshop_steps.geometry.imaging.image_files import FORMATS, check_kind, check_size, list_folder
+from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES
 from zeroshop_steps.runtime.errors import StepError, remedy_for
 
 CONVERTED_SUFFIXES = (".jfif", ".jpe", ".mpo", ".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".bmp")

@@ -32,8 +32,8 @@ from zeroshop_steps.capture.mask_files import UserMask, read_user_mask
 from zeroshop_steps.capture.mask_names import MaskNames, find_masks, split_masks
 from zeroshop_steps.capture.photo_files import MAX_SIDE_PX, choose_suffix, is_cut_out, list_photos, read_photo, write_upright
 from zeroshop_steps.capture.selection import find_blurred, thin_out
-from zeroshop_steps.geometry.images import list_images, measure_border_share, read_image, write_image, write_mask
-from zeroshop_steps.geometry.view_similarity import count_common_features, describe_view
+from zeroshop_steps.geometry.imaging.image_overlap import count_common_features, describe_view
+from zeroshop_steps.geometry.imaging.images import list_images, measure_border_share, read_image, write_image, write_mask
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
 

@@ -25,8 +25,8 @@ from zeroshop_steps.capture.frames import (
     shrink_to_grey,
     write_capture_record,
 )
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.registered_views import space_evenly
+from zeroshop_steps.geometry.cameras.registered_views import space_evenly
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.contact_sheets import COLUMNS, GREEN, RED, TILE_WIDTH_PX, arrange_in_rows, write_label
-from zeroshop_steps.geometry.images import read_image, read_mask, write_image
+from zeroshop_steps.geometry.imaging.contact_sheets import COLUMNS, GREEN, RED, TILE_WIDTH_PX, arrange_in_rows, write_label
+from zeroshop_steps.geometry.imaging.images import read_image, read_mask, write_image
 from zeroshop_steps.register.scene.record import find_lens, read_registration
 from zeroshop_steps.register.scene.undistortion import undistort_by_lens
 from zeroshop_steps.runtime.errors import StepError

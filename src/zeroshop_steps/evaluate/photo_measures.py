@@ -17,13 +17,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zeroshop_steps.finish import exposure
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer, RayHits
-from zeroshop_steps.geometry.meshes import Mesh, diameter_of
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.surface_distance import sample_surface
-from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, smooth, weld
-from zeroshop_steps.geometry.transforms import shrink_camera
-from zeroshop_steps.geometry.visibility import VISIBLE_SHARE, compute_view_maps, find_visible, sample_image
+from zeroshop_steps.geometry.alignment.surface_distance import sample_surface
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.cameras.transforms import shrink_camera
+from zeroshop_steps.geometry.meshes.surface_fields import build_neighbour_matrix, smooth, weld
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, diameter_of
+from zeroshop_steps.geometry.observation.visibility import VISIBLE_SHARE, compute_view_maps, find_visible, sample_image
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer, RayHits
 from zeroshop_steps.runtime.errors import StepError
 
 LONGEST_PX = 1000  # longer side of the photos; in larger ones print is so fine that tiny errors of cameras would count
@@ -31,7 +31,7 @@ BLUR_PX = 2.0  # so that print that is a pixel off does not count as another col
 SAMPLES = 6000  # points of the surface; the shares are then known to about one per cent
 NORMAL_SMOOTHING = 6  # steps over the mesh; the normals are the directions in which other depths are tried
 MIN_COSINE = 0.3  # between normal and direction to the camera (73 degrees); flatter views show too little of the point
-MIN_TRUST = 0.1  # of 1 (geometry/visibility.py); closer to an edge a pixel may show something else
+MIN_TRUST = 0.1  # of 1 (geometry/observation/visibility.py); closer to an edge a pixel may show something else
 LEAST_VIEWS = 3  # photos that must see a point for it to count; two can agree by chance
 OFFSETS_DIAMETERS = np.r_[-0.30:-0.019:0.02, 0.02:0.081:0.02]  # tried depths along the normal, outwards positive; hollows are deep
 AROUND = 32  # points of the surface that are judged together

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.finish.underside import drop_underside
-from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_truth, read_sparse_model
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.surface_distance import measure_surface_error
-from zeroshop_steps.geometry.transforms import compute_scale, transform_camera, transform_points
+from zeroshop_steps.geometry.alignment.surface_distance import measure_surface_error
+from zeroshop_steps.geometry.cameras.pinhole import Camera, align_to_truth, pair_with_truth, read_sparse_model
+from zeroshop_steps.geometry.cameras.registered_views import View, read_views
+from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_camera, transform_points
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.runtime.tables import write_table
 from zeroshop_steps.synthetic.film_truth import read_true_cameras

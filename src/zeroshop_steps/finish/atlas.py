@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from zeroshop_steps.geometry.images import spread_colors
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.imaging.images import spread_colors
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 
 FLAT_TEXELS2 = 1e-12  # twice the area below which a face is a line in the atlas and has no barycentric coordinates
 BORDER_SLACK = 1e-9  # rounding by which a texel's centre on a shared edge may miss both faces

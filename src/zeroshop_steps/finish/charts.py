@@ -9,8 +9,8 @@ from numba import njit
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, smooth
+from zeroshop_steps.geometry.meshes.surface_fields import build_neighbour_matrix, smooth
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 
 # A step averages over direct neighbours, so its reach grows with the edges. The numbers of steps suit meshes of about 45,000 faces.
 SMOOTHING = 15  # steps for the copy that gives the directions; fewer leave bumps that break charts, more round the object's edges

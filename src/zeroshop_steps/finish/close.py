@@ -22,10 +22,10 @@ import numpy as np
 
 from zeroshop_steps.finish.clean import simplify
 from zeroshop_steps.finish.underside import STATES, Underside, close_underside, find_open_borders, leave_open, make_plane_axes
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.surface_distance import SEEN_BY, count_seeing_views, measure_distances
-from zeroshop_steps.surface.seeds import read_confirmed_points
+from zeroshop_steps.geometry.alignment.surface_distance import SEEN_BY, count_seeing_views, measure_distances
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.surface.mvs.seeds import read_confirmed_points
 
 if TYPE_CHECKING:
     from zeroshop_steps.finish.watertight import GroundPlane

@@ -15,13 +15,13 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.finish.exposure import estimate_gains
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import sample_bilinear
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.srgb import srgb_to_linear
-from zeroshop_steps.geometry.surface_distance import sample_surface
-from zeroshop_steps.geometry.transforms import shrink_camera
+from zeroshop_steps.geometry.alignment.surface_distance import sample_surface
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.cameras.transforms import shrink_camera
+from zeroshop_steps.geometry.imaging.images import sample_bilinear
+from zeroshop_steps.geometry.imaging.srgb import srgb_to_linear
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 LONGEST_PX, MARGIN_PX = 480, 8

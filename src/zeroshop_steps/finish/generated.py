@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zeroshop_steps.bop.similarity_icp import SimilarityRefiner
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.support_classes import MEASURED
-from zeroshop_steps.geometry.surface_distance import measure_distances
-from zeroshop_steps.geometry.surface_points import SurfacePoints, sample_surface_points
-from zeroshop_steps.geometry.surface_support import classify_surface_support
-from zeroshop_steps.geometry.transforms import compute_scale, transform_points
+from zeroshop_steps.geometry.alignment.similarity_icp import SimilarityRefiner
+from zeroshop_steps.geometry.alignment.surface_distance import measure_distances
+from zeroshop_steps.geometry.alignment.surface_points import SurfacePoints, sample_surface_points
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_points
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.observation.support_classes import MEASURED
+from zeroshop_steps.geometry.observation.vertex_support import classify_surface_support
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 

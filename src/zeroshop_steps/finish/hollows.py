@@ -20,8 +20,8 @@ from scipy.spatial import cKDTree
 
 from zeroshop_steps.finish.colour_consistency import Photos, Pixels, see
 from zeroshop_steps.finish.vessel import Vessel, measure_vessel
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 # Lengths in diagonals of the mesh, deviations of colours in grey levels of 255. All were set on the demo mug and bowl.

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.finish.watertight import OUTSIDE_SHARE, OUTSIDE_VIEWS
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.meshes.surface_fields import build_neighbour_matrix
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 # Lengths in diagonals of the object's bounding box.

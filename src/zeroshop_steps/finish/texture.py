@@ -21,12 +21,12 @@ from zeroshop_steps.finish.atlas import Texels, fill_gutters, rasterize_atlas
 from zeroshop_steps.finish.export import make_metadata, move_to_object_frame, read_stages, summarize_product, write_product
 from zeroshop_steps.finish.texel_colors import VotingView, make_texel_colors
 from zeroshop_steps.finish.unwrap import check_texture_size, measure_atlas_use, unwrap_mesh
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, fill_harmonically, smooth, smooth_normals, weld
-from zeroshop_steps.geometry.visibility import VISIBLE_SHARE, ViewMaps, compute_view_maps, rate_vertex_views, sample_image
+from zeroshop_steps.geometry.cameras.registered_views import View, read_views
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.surface_fields import build_neighbour_matrix, fill_harmonically, smooth, smooth_normals, weld
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.observation.visibility import VISIBLE_SHARE, ViewMaps, compute_view_maps, rate_vertex_views, sample_image
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.kernel_devices import DEVICES, choose_kernel_device

@@ -12,7 +12,7 @@ from typing import Any
 import manifold3d
 import numpy as np
 
-from zeroshop_steps.geometry.meshes import Mesh, number_edges
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, number_edges
 
 STATES = ("closed", "open")
 # Lengths in diagonals of the object's bounding box.

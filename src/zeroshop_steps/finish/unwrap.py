@@ -4,8 +4,8 @@ import numpy as np
 import xatlas
 
 from zeroshop_steps.finish.charts import cut_into_charts
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.surface_fields import weld
+from zeroshop_steps.geometry.meshes.surface_fields import weld
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 
 PADDING_TEXELS = 6  # between charts: texture filtering, also in coarser mip levels, must not reach a neighbouring chart

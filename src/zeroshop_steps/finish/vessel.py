@@ -17,7 +17,7 @@ from skimage.measure import marching_cubes
 
 from zeroshop_steps.finish.clean import simplify
 from zeroshop_steps.finish.underside import make_plane_axes
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 VOXELS = 96

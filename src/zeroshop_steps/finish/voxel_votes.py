@@ -7,10 +7,10 @@ import cv2
 import numba
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 
 ROOM = 1.12
 """Side of the block of voxels, in the longest side of the mesh's box."""

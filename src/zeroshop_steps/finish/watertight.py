@@ -26,11 +26,11 @@ from zeroshop_steps.finish.clean import label_parts
 from zeroshop_steps.finish.generated import GeneratedShape
 from zeroshop_steps.finish.underside import find_open_borders
 from zeroshop_steps.finish.voxel_votes import Grid, Votes, cast_votes
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.support_plane import Plane
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.support.ground_plane import Plane
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
-from zeroshop_steps.surface.free_space import minimize_surface
+from zeroshop_steps.surface.mvs.free_space import minimize_surface
 
 COARSE, FINE = 128, 256
 """Voxels along the longest side: of the votes, and of the signed distance."""

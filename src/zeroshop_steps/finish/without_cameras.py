@@ -17,7 +17,7 @@ from zeroshop_steps.finish.export import make_metadata, move_to_object_frame, su
 from zeroshop_steps.finish.texture import bake_colors, read_colored
 from zeroshop_steps.finish.underside import STATES, Underside, find_open_borders
 from zeroshop_steps.finish.unwrap import check_texture_size, unwrap_mesh
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.height.record import RULER_M
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json

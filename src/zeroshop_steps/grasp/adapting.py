@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zeroshop_steps.geometry.placements import Placement
+from zeroshop_steps.geometry.support.placements import Placement
 from zeroshop_steps.grasp.antipodal import OBJECT_MARGIN_M, SHALLOWEST_M, TABLE_MARGIN_M, opening_for
 from zeroshop_steps.grasp.clearance import check_object, check_table
 from zeroshop_steps.grasp.grasps import Grasp

@@ -7,11 +7,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.metric_mesh import add_mesh_arguments, read_metric_mesh
-from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.metric_mesh import add_mesh_arguments, read_metric_mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.grasp.grasps import Grasp, read_grasps
 from zeroshop_steps.grasp.gripper import GRIPPERS, Gripper, find_gripper
 from zeroshop_steps.grasp.ranking import choose_spread

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.cameras import fit_similarity
-from zeroshop_steps.geometry.printed_board import Board, TagBoard
-from zeroshop_steps.geometry.support_plane import DEVIATION_OF_MEDIAN
+from zeroshop_steps.geometry.boards.printed_board import Board, TagBoard
+from zeroshop_steps.geometry.cameras.pinhole import fit_similarity
+from zeroshop_steps.geometry.support.ground_plane import DEVIATION_OF_MEDIAN
 from zeroshop_steps.height.board_view import BoardView
 from zeroshop_steps.runtime.errors import StepError
 

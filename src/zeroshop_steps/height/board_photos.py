@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.board_files import BOARDS
-from zeroshop_steps.geometry.printed_board import DICTIONARY, Board, TagBoard
+from zeroshop_steps.geometry.boards.board_files import BOARDS
+from zeroshop_steps.geometry.boards.printed_board import DICTIONARY, Board, TagBoard
 from zeroshop_steps.height.board_view import BoardView
 from zeroshop_steps.height.tag_boards import check_tag_views, detect_tag_corners
 from zeroshop_steps.runtime.errors import StepError

@@ -13,9 +13,9 @@ import numpy as np
 import pycolmap
 import torch
 
-from zeroshop_steps.geometry.images import list_images
-from zeroshop_steps.geometry.registered_views import View, space_evenly
-from zeroshop_steps.geometry.sparse_files import read_reconstruction
+from zeroshop_steps.geometry.cameras.registered_views import View, space_evenly
+from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction
+from zeroshop_steps.geometry.imaging.images import list_images
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.networks.devices import DEVICES, choose_device
 from zeroshop_steps.networks.mast3r.alignment import Alignment, align_images

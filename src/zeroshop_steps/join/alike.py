@@ -9,7 +9,7 @@ since they bring together sides that a pass itself did not see.
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.transforms import compute_scale
+from zeroshop_steps.geometry.cameras.transforms import compute_scale
 from zeroshop_steps.join.evidence import Judgement, Sight
 from zeroshop_steps.register.submodels.alignment import measure_misses
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera, to_matrix
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.transforms import compute_scale, transform_camera, transform_points
+from zeroshop_steps.geometry.cameras.pinhole import Camera, to_matrix
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_camera, transform_points
 from zeroshop_steps.join.outline_ways import find_ways_by_outlines
 from zeroshop_steps.join.pass_images import Pass
 from zeroshop_steps.join.ways import Way

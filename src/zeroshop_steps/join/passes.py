@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.registered_views import PASSES
-from zeroshop_steps.geometry.sparse_files import write_reconstruction
+from zeroshop_steps.geometry.cameras.registered_views import PASSES
+from zeroshop_steps.geometry.cameras.sparse_files import write_reconstruction
 from zeroshop_steps.join.alike import choose_any
 from zeroshop_steps.join.evidence import Judgement, Sight, choose, judge_by_outlines, judge_ways
 from zeroshop_steps.join.learned_matches import load_networks, match_by_networks

@@ -10,7 +10,7 @@ import numpy as np
 import pycolmap
 from scipy.optimize import least_squares
 
-from zeroshop_steps.geometry.transforms import move_similarity, transform_points
+from zeroshop_steps.geometry.cameras.transforms import move_similarity, transform_points
 from zeroshop_steps.join.object_matches import PointPairs
 from zeroshop_steps.join.ways import Way
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX

@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.images import decode_image, write_image
+from zeroshop_steps.geometry.imaging.images import decode_image, write_image
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.files import read_json, write_json
 

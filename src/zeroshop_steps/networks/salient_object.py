@@ -16,7 +16,7 @@ import numpy as np
 import onnxruntime
 from scipy.special import expit
 
-from zeroshop_steps.geometry.images import compute_overlap, read_image
+from zeroshop_steps.geometry.imaging.images import compute_overlap, read_image
 from zeroshop_steps.networks.object_finder import surround_main_thing
 from zeroshop_steps.networks.salient_networks import (
     IMAGENET_DEVIATION,

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.surface_points import SurfacePoints, sample_surface_points
+from zeroshop_steps.geometry.alignment.surface_points import SurfacePoints, sample_surface_points
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 SAMPLES = 16000  # of the surface; about 2 mm apart on an object of 15 cm

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.geometry.imaging.images import read_image
 from zeroshop_steps.networks.aliked import (
     FOLDER,
     AlikedMatcher,

@@ -13,7 +13,7 @@ from typing import Any
 
 import pycolmap
 
-from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
 from zeroshop_steps.register.features.sift import SiftOptions, extract_features, find_focal_source, fit_to_count, refine
 from zeroshop_steps.register.features.static_marks import StaticMarks, find_static_marks
 from zeroshop_steps.register.features.tilted_features import VERTICAL, add_tilted_features, find_foreshortened, find_weak_images

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import fit_similarity, read_sparse_model
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.geometry.cameras.pinhole import fit_similarity, read_sparse_model
+from zeroshop_steps.geometry.cameras.transforms import transform_points
 from zeroshop_steps.register.scene.record import Record, RegistrationFailed
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import scratch_directory

@@ -6,7 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.depth_images import depth_to_mm
+from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
 from zeroshop_steps.robot.rvl import decode_rvl
 from zeroshop_steps.runtime.errors import StepError
 

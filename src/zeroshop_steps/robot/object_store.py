@@ -22,7 +22,7 @@ from zeroshop_steps.bop.models import (
     read_models_info,
 )
 from zeroshop_steps.detect.templates import Templates, read_templates, save_templates
-from zeroshop_steps.geometry.mesh_files import list_mesh_files, read_mesh
+from zeroshop_steps.geometry.meshes.mesh_files import list_mesh_files, read_mesh
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json
 

@@ -8,10 +8,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.images import read_image, write_image
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.sparse_files import read_reconstruction
-from zeroshop_steps.geometry.srgb import linear_to_srgb, srgb_to_linear
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction
+from zeroshop_steps.geometry.imaging.images import read_image, write_image
+from zeroshop_steps.geometry.imaging.srgb import linear_to_srgb, srgb_to_linear
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.runtime.thread_pool import map_in_threads

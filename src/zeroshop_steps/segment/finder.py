@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import SparseModel
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.scene_support import SceneSupport
+from zeroshop_steps.geometry.cameras.pinhole import SparseModel
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.support.scene_support import SceneSupport
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.thread_pool import map_in_threads
 from zeroshop_steps.segment.exposure import Exposure

@@ -8,7 +8,7 @@ global optimum of the binary one (Chan, Esedoglu and Nikolova 2006; Unger et al.
 import numba
 import numpy as np
 
-from zeroshop_steps.geometry.channels import sum_channels
+from zeroshop_steps.geometry.imaging.channels import sum_channels
 
 SMOOTHNESS = 2.5
 """Cost of one pixel of boundary where the image is flat, in log odds. More loses thin parts, less leaves ragged masks."""

@@ -11,9 +11,9 @@ import cv2
 import numba
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.registered_views import space_evenly
-from zeroshop_steps.geometry.scene_support import SceneSupport
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import space_evenly
+from zeroshop_steps.geometry.support.scene_support import SceneSupport
 from zeroshop_steps.runtime.thread_pool import map_in_threads
 
 # Lengths are shares of the cameras' distance from the focus.

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import compute_overlap, read_image, require_one_size
-from zeroshop_steps.geometry.registered_views import read_views, space_evenly
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import read_views, space_evenly
+from zeroshop_steps.geometry.imaging.images import compute_overlap, read_image, require_one_size
 from zeroshop_steps.networks.devices import DEVICES, choose_device, measure_free_bytes
 from zeroshop_steps.networks.grounding_dino import Box, Detector, choose_box, describe_nothing_found
 from zeroshop_steps.networks.pretrained import require_model

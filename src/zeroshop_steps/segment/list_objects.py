@@ -14,9 +14,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.contact_sheets import arrange_in_rows
-from zeroshop_steps.geometry.images import read_image, write_image
-from zeroshop_steps.geometry.registered_views import read_views, space_evenly
+from zeroshop_steps.geometry.cameras.registered_views import read_views, space_evenly
+from zeroshop_steps.geometry.imaging.contact_sheets import arrange_in_rows
+from zeroshop_steps.geometry.imaging.images import read_image, write_image
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.segment.exposure import estimate_exposure

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import compute_overlap
-from zeroshop_steps.geometry.rays import find_nearest_point
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.ray_convergence import find_nearest_point
+from zeroshop_steps.geometry.imaging.images import compute_overlap
 from zeroshop_steps.segment.mask_quality import MaskQuality, compare_sizes, compare_with_hull
 from zeroshop_steps.segment.voxels import VoxelGrid, count_votes, render_silhouettes
 

@@ -6,7 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.images import measure_border_share
+from zeroshop_steps.geometry.imaging.images import measure_border_share
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.thread_pool import map_in_threads
 

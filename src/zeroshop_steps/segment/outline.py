@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from zeroshop_steps.geometry.channels import sum_channels
+from zeroshop_steps.geometry.imaging.channels import sum_channels
 
 # Set on the film of YCB-V's sugar box on a dark table.
 REACH_CUTS = 1.75  # how far an outline may move, in pixels of the width at which the mask was cut

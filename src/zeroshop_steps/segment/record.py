@@ -13,11 +13,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.contact_sheets import RED, arrange_in_rows, tile_size_px, write_label
-from zeroshop_steps.geometry.images import read_image, write_image, write_mask
-from zeroshop_steps.geometry.registered_views import CONFIDENCE, View
-from zeroshop_steps.geometry.sparse_files import read_reconstruction, write_reconstruction
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import CONFIDENCE, View
+from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction, write_reconstruction
+from zeroshop_steps.geometry.imaging.contact_sheets import RED, arrange_in_rows, tile_size_px, write_label
+from zeroshop_steps.geometry.imaging.images import read_image, write_image, write_mask
 from zeroshop_steps.register.refinement.camera_deviation import write_deviations
 from zeroshop_steps.register.refinement.silhouette_refinement import Straightened, carry_plane, straighten_cameras, warn_of_bent_cameras
 from zeroshop_steps.register.scene.record import read_registration

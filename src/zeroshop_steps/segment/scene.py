@@ -8,10 +8,10 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera, SparseModel
-from zeroshop_steps.geometry.rays import find_nearest_point
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.scene_support import SceneSupport, find_scene_focus
+from zeroshop_steps.geometry.cameras.pinhole import Camera, SparseModel
+from zeroshop_steps.geometry.cameras.ray_convergence import find_nearest_point
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.support.scene_support import SceneSupport, find_scene_focus
 from zeroshop_steps.networks.object_finder import keep_main_thing
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.thread_pool import map_in_threads

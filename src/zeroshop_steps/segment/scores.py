@@ -14,7 +14,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.special import expit
 
-from zeroshop_steps.geometry.images import compute_overlap
+from zeroshop_steps.geometry.imaging.images import compute_overlap
 from zeroshop_steps.segment.mask_quality import MaskQuality
 from zeroshop_steps.segment.scene import MaskScene
 from zeroshop_steps.segment.solve import Solution

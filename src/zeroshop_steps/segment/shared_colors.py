@@ -8,11 +8,11 @@ import numpy as np
 import pycolmap
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.channels import take_largest
-from zeroshop_steps.geometry.images import sample_bilinear
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.srgb import srgb_to_linear
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.imaging.channels import take_largest
+from zeroshop_steps.geometry.imaging.images import sample_bilinear
+from zeroshop_steps.geometry.imaging.srgb import srgb_to_linear
 from zeroshop_steps.runtime.thread_pool import map_in_threads
 
 NEIGHBOURS = 10  # nearest points, through which the surface at a point is laid as a plane

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from zeroshop_steps.geometry.scene_support import SceneSupport
+from zeroshop_steps.geometry.support.scene_support import SceneSupport
 from zeroshop_steps.runtime.thread_pool import map_in_threads
 from zeroshop_steps.segment.cues import MOST_ODDS
 from zeroshop_steps.segment.fusion import estimate_odds

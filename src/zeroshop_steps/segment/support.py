@@ -9,17 +9,17 @@ from scipy import sparse
 from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.geometry.cameras import SparseModel
-from zeroshop_steps.geometry.channels import take_largest
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.scene_support import (
+from zeroshop_steps.geometry.cameras.pinhole import SparseModel
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.imaging.channels import take_largest
+from zeroshop_steps.geometry.support.ground_plane import FEW_INLIERS, MIN_CERTAINTY, estimate_up_from_roll
+from zeroshop_steps.geometry.support.scene_support import (
     THRESHOLD_DISTANCES,
     SceneSupport,
     find_scene_focus,
     fit_scene_support,
     measure_aside,
 )
-from zeroshop_steps.geometry.support_plane import FEW_INLIERS, MIN_CERTAINTY, estimate_up_from_roll
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.ground_picture import build_ground_picture
 from zeroshop_steps.segment.scene import MaskScene

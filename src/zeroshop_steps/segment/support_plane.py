@@ -4,7 +4,7 @@ import argparse
 import time
 from pathlib import Path
 
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.cameras.registered_views import read_views
 from zeroshop_steps.networks.saliency_maps import find_maps
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.segment.exposure import estimate_exposure

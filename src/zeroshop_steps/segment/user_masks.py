@@ -8,7 +8,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.cameras.registered_views import read_views
 from zeroshop_steps.register.scene.record import read_registration
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.mask_agreement import assess_masks

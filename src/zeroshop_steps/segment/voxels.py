@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.runtime.thread_pool import map_in_threads
 
 VOXEL_WIDTH = 0.7  # of a voxel's edge: odds are averaged over this width, so that the neighbours' are not

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.segment.outline import follow_edges
 
 SIDE_SIZES = 2.2  # side of a window, in sizes of the mask: the colours around the object are learned there, too

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps.bop.scene import read_scene, write_scene
-from zeroshop_steps.geometry.images import compute_overlap, write_image
+from zeroshop_steps.geometry.imaging.images import compute_overlap, write_image
 from zeroshop_steps.grasp.antipodal import GraspOptions
 from zeroshop_steps.grasp.gripper import GRIPPERS, find_gripper
 from zeroshop_steps.runtime.errors import warn

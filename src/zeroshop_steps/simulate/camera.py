@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from zeroshop_steps.bop.scene import HALF_PX, Frame
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.viewpoints import look_at
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.viewpoints import look_at
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.synthetic.table_scene import RgbdImage, TableScene, render_raycast
 

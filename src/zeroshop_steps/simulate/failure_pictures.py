@@ -5,12 +5,12 @@ import numpy as np
 import trimesh
 
 from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.contact_sheets import GREEN, RED, write_label
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.transforms import transform_points
-from zeroshop_steps.geometry.viewpoints import look_at, make_intrinsics
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.geometry.cameras.viewpoints import look_at, make_intrinsics
+from zeroshop_steps.geometry.imaging.contact_sheets import GREEN, RED, write_label
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.grasp.gripper import Gripper
 from zeroshop_steps.simulate.camera import SensedFrame
 from zeroshop_steps.simulate.lifting import Lift, Snapshot

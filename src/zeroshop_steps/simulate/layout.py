@@ -8,7 +8,7 @@ import numpy as np
 
 from zeroshop_steps.bop.depth_render import DepthRenderer
 from zeroshop_steps.bop.scene import HALF_PX
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.geometry.cameras.transforms import transform_points
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.simulate.camera import HEIGHT_PX, WIDTH_PX, hsr_camera
 from zeroshop_steps.synthetic.clutter import RigidBody, place_bodies

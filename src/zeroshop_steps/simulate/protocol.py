@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.placements import Placement, placements_of_hull
+from zeroshop_steps.geometry.support.placements import Placement, placements_of_hull
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.simulate.physical_body import PhysicalBody
 

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.mesh_repair import find_triangles
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.mesh_repair import find_triangles
 from zeroshop_steps.runtime.files import atomic_write, write_json
 from zeroshop_steps.runtime.progress import ProgressReport
 from zeroshop_steps.synthetic import lighting

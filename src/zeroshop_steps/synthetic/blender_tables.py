@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.synthetic.blender import settle as settle_script

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.synthetic import blender_tables, virtual_capture

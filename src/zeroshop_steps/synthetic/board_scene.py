@@ -12,12 +12,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.board_files import BOARDS
-from zeroshop_steps.geometry.cameras import Camera, write_cameras
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.printed_board import Board, draw_board
-from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.boards.board_files import BOARDS
+from zeroshop_steps.geometry.boards.printed_board import Board, draw_board
+from zeroshop_steps.geometry.cameras.pinhole import Camera, write_cameras
+from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import atomic_directory, write_json
 from zeroshop_steps.synthetic import raycast, virtual_capture

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at, make_intrinsics
 
 LENS_MM, SENSOR_WIDTH_MM = 50.0, 36.0  # Blender's usual camera
 DISTANCE_IN_SIZES = 3.2  # of the cameras from the middle, in the largest side of the object

@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.cameras import Camera, write_cameras
-from zeroshop_steps.geometry.images import write_mask
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.cameras.pinhole import Camera, write_cameras
+from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.imaging.images import write_mask
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, atomic_write, write_json

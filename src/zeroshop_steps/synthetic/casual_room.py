@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import trimesh
 
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.synthetic.camera_rings import ObjectBounds
 from zeroshop_steps.synthetic.distractors import map_as_boxes
 from zeroshop_steps.synthetic.lighting import Lights, place_lights

@@ -9,8 +9,8 @@ import trimesh
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.placements import outermost_points
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.geometry.support.placements import outermost_points
 from zeroshop_steps.runtime.errors import StepError
 
 # How things lie on a table is a choice, not a measurement: close together, so that they hide one another in part.

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import trimesh
 
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 
 TEXTURE_PX = 256
 BORDER = 0.02  # share of the texture that is left free at each side, so that filters mix nothing in

@@ -15,9 +15,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera, write_cameras
-from zeroshop_steps.geometry.images import write_image, write_mask
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.cameras.pinhole import Camera, write_cameras
+from zeroshop_steps.geometry.imaging.images import write_image, write_mask
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, write_json

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import manifold3d
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.open3d_loader import o3d
 from zeroshop_steps.synthetic import shading
 from zeroshop_steps.synthetic.board_scene import BOARD, compute_surface_from_board, paint_board

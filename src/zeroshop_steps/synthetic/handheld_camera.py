@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at, make_intrinsics
 from zeroshop_steps.synthetic.camera_rings import ObjectBounds
 
 DURATION_S = 40.0

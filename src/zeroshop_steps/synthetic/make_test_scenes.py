@@ -19,9 +19,9 @@ from zeroshop_steps.bop.depth_render import DepthRenderer
 from zeroshop_steps.bop.models import list_objects, read_models
 from zeroshop_steps.bop.scene import HALF_PX, Frame, Instance, write_scene
 from zeroshop_steps.bop.targets import Target, write_targets
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import write_depth_mm, write_image, write_mask
-from zeroshop_steps.geometry.surface_parts import with_texture
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.imaging.images import write_depth_mm, write_image, write_mask
+from zeroshop_steps.geometry.meshes.surface_parts import with_texture
 from zeroshop_steps.methods import RENDERERS
 from zeroshop_steps.runtime.files import atomic_directory, write_json
 from zeroshop_steps.runtime.progress import track

@@ -8,7 +8,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.synthetic import virtual_capture
 from zeroshop_steps.synthetic.camera_rings import USUAL_RINGS, ObjectBounds, Rings

@@ -6,7 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 from zeroshop_steps.synthetic import lighting, shading
 from zeroshop_steps.synthetic.camera_rings import ObjectBounds

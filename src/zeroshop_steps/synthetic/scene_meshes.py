@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.surface_parts import with_texture
+from zeroshop_steps.geometry.meshes.surface_parts import with_texture
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.synthetic.camera_rings import ObjectBounds
 from zeroshop_steps.synthetic.textures import MipPyramid, build_pyramid, find_texture_coverage
 

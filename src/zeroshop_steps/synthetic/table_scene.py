@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.transforms import transform_points
-from zeroshop_steps.geometry.viewpoints import direction_at, look_at
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 from zeroshop_steps.synthetic import shading
 from zeroshop_steps.synthetic.camera_rings import ObjectBounds

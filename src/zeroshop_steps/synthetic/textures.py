@@ -6,7 +6,7 @@ import cv2
 import numba
 import numpy as np
 
-from zeroshop_steps.geometry.srgb import linear_to_srgb, srgb_to_linear
+from zeroshop_steps.geometry.imaging.srgb import linear_to_srgb, srgb_to_linear
 
 MAX_PROBES = 16  # of the texture along the longer side of a pixel's footprint
 

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera, write_cameras
-from zeroshop_steps.geometry.images import write_depth_mm, write_image, write_mask
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.surface_parts import with_texture
+from zeroshop_steps.geometry.cameras.pinhole import Camera, write_cameras
+from zeroshop_steps.geometry.imaging.images import write_depth_mm, write_image, write_mask
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.surface_parts import with_texture
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.runtime.progress import track

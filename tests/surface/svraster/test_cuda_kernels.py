@@ -6,7 +6,7 @@ import torch
 
 from helpers import few_primitives
 from helpers.simulated_cuda import VOXEL_TENSORS, simulate
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.kernel_devices import has_cuda
 from zeroshop_steps.surface.svraster.octree import Octree

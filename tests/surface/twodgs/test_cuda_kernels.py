@@ -6,12 +6,12 @@ import torch
 
 from helpers import few_primitives
 from helpers.simulated_cuda import SURFEL_TENSORS, simulate
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.kernel_devices import has_cuda
-from zeroshop_steps.surface.tiling import tiles_of
-from zeroshop_steps.surface.twodgs import project, tiles
-from zeroshop_steps.surface.twodgs.device_lists import list_slots_by_tile
+from zeroshop_steps.surface.rendering.tiling import tiles_of
+from zeroshop_steps.surface.twodgs.kernels import project, tiles
+from zeroshop_steps.surface.twodgs.kernels.device_lists import list_slots_by_tile
 from zeroshop_steps.surface.twodgs.render import RenderView, render
 from zeroshop_steps.surface.twodgs.renderers import CpuRenderer, CudaRenderer, make_renderer
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 from zeroshop_steps.capture.adapters.form import Adapter, Frame, ImportedCapture, ImportOptions, choose_unit, require_files, resolve_inside
 from zeroshop_steps.capture.given_cameras import Lens
-from zeroshop_steps.geometry.cameras import to_matrix
-from zeroshop_steps.geometry.images import IMAGE_SUFFIXES
-from zeroshop_steps.geometry.sparse_files import read_reconstruction
+from zeroshop_steps.geometry.cameras.pinhole import to_matrix
+from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction
+from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES
 from zeroshop_steps.runtime.errors import StepError
 
 MODELS = ("sparse", "sparse/*", "colmap/sparse/*", "colmap/sparse", "dense/sparse", "dense/*/sparse", ".")

@@ -12,8 +12,8 @@ from PIL import Image
 
 from zeroshop_steps.capture.given_cameras import FILE, GivenCamera, GivenCameras, Lens, check_pose
 from zeroshop_steps.capture.photo_files import UPRIGHT, open_picture
-from zeroshop_steps.geometry.depth_images import depth_to_mm
-from zeroshop_steps.geometry.images import decode_image, write_image
+from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
+from zeroshop_steps.geometry.imaging.images import decode_image, write_image
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
 from zeroshop_steps.runtime.progress import track

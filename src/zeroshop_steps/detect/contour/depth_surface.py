@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.support_plane import DEVIATION_OF_MEDIAN
+from zeroshop_steps.geometry.support.ground_plane import DEVIATION_OF_MEDIAN
 from zeroshop_steps.runtime.errors import StepError
 
 # Chosen on six virtual tables of the demo objects, the test set with seed 1 (docs/results.md, "Detection and poses").

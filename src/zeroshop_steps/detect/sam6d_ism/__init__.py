@@ -37,7 +37,7 @@ from zeroshop_steps.detect.sam6d_ism.scores import (
     score_appearance,
 )
 from zeroshop_steps.detect.templates import Templates
-from zeroshop_steps.geometry.surface_distance import sample_surface
+from zeroshop_steps.geometry.alignment.surface_distance import sample_surface
 from zeroshop_steps.networks.devices import DEVICES, choose_device
 
 NO_DEPTH = "and this detector needs depth: add depth images, or use --method cnos, which needs colour only"

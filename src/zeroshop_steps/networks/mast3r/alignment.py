@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from zeroshop_steps.geometry.cameras import fit_similarity
+from zeroshop_steps.geometry.cameras.pinhole import fit_similarity
 from zeroshop_steps.networks.mast3r.inference import PairPredictor
 from zeroshop_steps.networks.mast3r.matching import Matches, match_pair
 from zeroshop_steps.runtime.errors import StepError

@@ -12,9 +12,9 @@ from functools import partial
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.rays import find_nearest_point
-from zeroshop_steps.geometry.transforms import shrink_camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.ray_convergence import find_nearest_point
+from zeroshop_steps.geometry.cameras.transforms import shrink_camera
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 from zeroshop_steps.runtime.thread_pool import map_in_threads
 

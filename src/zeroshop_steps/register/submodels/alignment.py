@@ -14,10 +14,10 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.registered_views import View, space_evenly
-from zeroshop_steps.geometry.support_plane import estimate_up_from_roll
-from zeroshop_steps.geometry.transforms import compute_scale, move_similarity
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import View, space_evenly
+from zeroshop_steps.geometry.cameras.transforms import compute_scale, move_similarity
+from zeroshop_steps.geometry.support.ground_plane import estimate_up_from_roll
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 from zeroshop_steps.register.silhouettes.coherence import bound_object, choose_rim_pixels
 from zeroshop_steps.register.silhouettes.rays import look_up_many, make_outline_distance

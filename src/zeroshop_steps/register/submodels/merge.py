@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.cameras import to_rigid
-from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.geometry.transforms import compute_scale, transform_points
+from zeroshop_steps.geometry.cameras.pinhole import to_rigid
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_points
 from zeroshop_steps.register.mapping.reregistration import refine_robustly
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.undistortion import undistort, undistort_masks

@@ -5,11 +5,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.viewpoints import face_along, make_intrinsics
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.viewpoints import face_along, make_intrinsics
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.report.site.results_index import Run
 from zeroshop_steps.report.site.viewer_meshes import TrueModel
 from zeroshop_steps.runtime.errors import StepError, warn

@@ -3,8 +3,8 @@
 import numpy as np
 from markupsafe import Markup, escape
 
-from zeroshop_steps.geometry.cameras import SparseModel
-from zeroshop_steps.geometry.transforms import transform_camera
+from zeroshop_steps.geometry.cameras.pinhole import SparseModel
+from zeroshop_steps.geometry.cameras.transforms import transform_camera
 
 SIZE = 300
 MARGIN = 24

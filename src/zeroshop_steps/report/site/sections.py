@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
 from zeroshop_steps.report.site.advice import advise, advise_on_failure
 from zeroshop_steps.report.site.charts import line_chart
 from zeroshop_steps.report.site.plan import camera_plan

@@ -11,8 +11,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import SparseModel
-from zeroshop_steps.geometry.transforms import transform_camera, transform_points
+from zeroshop_steps.geometry.cameras.pinhole import SparseModel
+from zeroshop_steps.geometry.cameras.transforms import transform_camera, transform_points
 from zeroshop_steps.report.site.mesh_reduction import ReducedMesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write

@@ -5,12 +5,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import list_images, read_image, read_mask
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.transforms import crop_to_mask, transform_camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import View, read_views
+from zeroshop_steps.geometry.cameras.transforms import crop_to_mask, transform_camera
+from zeroshop_steps.geometry.imaging.images import list_images, read_image, read_mask
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.report.site.pictures import fit_width, write_webp
 from zeroshop_steps.report.site.results_index import Cell, Run
 from zeroshop_steps.report.site.viewer_meshes import compute_truth_from_object, read_object_frame

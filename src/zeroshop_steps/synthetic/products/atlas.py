@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.images import spread_colors
+from zeroshop_steps.geometry.imaging.images import spread_colors
 from zeroshop_steps.synthetic.products.canvas import Canvas
 
 GUTTER_PX = 8
