@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.bop.scene import read_scene
-from zeroshop_steps.robot.camera import GivenCamera
+from zeroshop_steps.bop.formats.bop_scenes import read_scene
+from zeroshop_steps.robot.goal_camera import GivenCamera
 from zeroshop_steps.robot.image_messages import write_image
 from zeroshop_steps.robot.object_store import ObjectStore
 from zeroshop_steps.robot.recognition import Recognition, RecognizedObject, Request, make_frame

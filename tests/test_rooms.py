@@ -41,6 +41,8 @@ ROOMS_INSIDE = {
     "surface": ["rendering", "mvs", "training", "meshing"],
 }
 """The rooms inside a room, in their order; methods, and what only they use, lie beside them and may import all."""
+MOST_MODULES = 16
+"""Of one folder, without __init__.py and __main__.py."""
 
 
 def imported_rooms(path: Path) -> set[str]:
@@ -62,6 +64,12 @@ def imported_names(path: Path) -> list[list[str]]:
 def test_every_room_has_its_place() -> None:
     found = {path.name for path in SOURCES.iterdir() if (path / "__init__.py").exists()}
     assert found == set(ROOMS) - {"methods", "config_manual"}
+
+
+def test_no_folder_is_crowded() -> None:
+    folders = {path.parent for path in SOURCES.rglob("*.py")}
+    modules = {folder: [path for path in folder.glob("*.py") if not path.stem.startswith("__")] for folder in folders}
+    assert not {str(folder): len(found) for folder, found in modules.items() if len(found) > MOST_MODULES}
 
 
 def test_no_import_runs_backwards() -> None:

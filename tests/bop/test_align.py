@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.bop import align as align_method
 from zeroshop_steps.bop.align import align, describe_scale
-from zeroshop_steps.bop.models import list_objects, read_models
-from zeroshop_steps.bop.symmetry import list_symmetry_transforms
+from zeroshop_steps.bop.formats.models import list_objects, read_models
+from zeroshop_steps.bop.formats.symmetry import list_symmetry_transforms
 from zeroshop_steps.geometry.alignment import similarity_icp, similarity_search
 from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply

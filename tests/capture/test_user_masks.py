@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from helpers.shoot import HEIGHT, WIDTH, Shoot
-from zeroshop_steps.capture.frames import collect_image_warnings, measure_level
+from zeroshop_steps.capture.frame_quality import collect_image_warnings, measure_level
 from zeroshop_steps.capture.mask_names import find_masks, split_masks
 from zeroshop_steps.capture.photo_files import is_cut_out
 from zeroshop_steps.capture.photos import import_photos

@@ -71,7 +71,7 @@ def with_mask(method: str, size: tuple[int, int]) -> Callable[[Path], int]:
     """Estimate the pose of a detection whose mask has this (height, width)."""
 
     def spoil(data: Path) -> None:
-        from zeroshop_steps.bop.detections import Detection, encode_mask, write_detections
+        from zeroshop_steps.bop.formats.detections import Detection, encode_mask, write_detections
 
         write_detections(data / "found.json", [Detection(1, 0, 1, 0.7, None, encode_mask(np.ones(size, bool)))])
 

@@ -6,9 +6,9 @@ import trimesh
 
 from helpers.carton_scene import camera_at
 from helpers.memory_view import MemoryView
-from zeroshop_steps.finish.close import Closing, close_mesh
-from zeroshop_steps.finish.overhang import lift_underside
-from zeroshop_steps.finish.underside import close_underside, find_open_borders
+from zeroshop_steps.finish.closing.close import Closing, close_mesh
+from zeroshop_steps.finish.closing.overhang import lift_underside
+from zeroshop_steps.finish.closing.underside import close_underside, find_open_borders
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 

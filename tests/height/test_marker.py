@@ -13,9 +13,9 @@ from zeroshop_steps.height import marker
 from zeroshop_steps.height.scene_photos import localize_photos
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
-from zeroshop_steps.synthetic import camera_rings
 from zeroshop_steps.synthetic.demo_objects import write_demo_object
 from zeroshop_steps.synthetic.raycast import capture
+from zeroshop_steps.synthetic.scenes import camera_rings
 
 SIZE = ("--width", "640", "--height", "480")
 

@@ -20,7 +20,7 @@ from zeroshop_steps.evaluate.grade import measure_mesh
 from zeroshop_steps.evaluate.grading import MEASURES, grade_by_worst
 from zeroshop_steps.evaluate.quality import LARGEST
 from zeroshop_steps.evaluate.surface_measures import measure_guessed_share
-from zeroshop_steps.finish.underside import drop_underside
+from zeroshop_steps.finish.closing.underside import drop_underside
 from zeroshop_steps.geometry.alignment.surface_distance import measure_surface_error, sample_surface
 from zeroshop_steps.geometry.cameras.pinhole import align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.cameras.registered_views import read_views

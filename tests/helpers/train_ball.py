@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from helpers.ball import ball_initialization, ball_views
-from zeroshop_steps.runtime.threads import use_threads
+from zeroshop_steps.runtime.compute.threads import use_threads
 from zeroshop_steps.surface.fuse import fuse_depth_maps, render_depth
 from zeroshop_steps.surface.svraster.initialization import initialize_voxels
 from zeroshop_steps.surface.svraster.settings import VoxelSettings

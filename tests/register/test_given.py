@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from helpers.given import given_cameras
-from zeroshop_steps.capture.given_cameras import GivenCamera, GivenCameras
+from zeroshop_steps.capture.cameras_json import GivenCamera, GivenCameras
 from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras.pinhole import align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.cameras.transforms import OPENCV_FROM_OPENGL, compute_scale

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from zeroshop_steps.robot.camera import GivenCamera, read_camera_info, read_lens
+from zeroshop_steps.robot.goal_camera import GivenCamera, read_camera_info, read_lens
 from zeroshop_steps.runtime.errors import StepError
 
 MATRIX = [538.391, 0, 315.307, 0, 538.085, 233.048, 0, 0, 1]

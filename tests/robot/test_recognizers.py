@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from helpers.painted_scene import CAN, CARTON
-from zeroshop_steps.bop.models import read_models
-from zeroshop_steps.bop.pose_error import ModelPoints, mssd
+from zeroshop_steps.bop.formats.models import read_models
+from zeroshop_steps.bop.scoring.pose_error import ModelPoints, mssd
 from zeroshop_steps.detect.detector_io import ObjectMask
 from zeroshop_steps.geometry.imaging.images import read_image, read_mask
 from zeroshop_steps.methods import DETECTORS, ESTIMATORS, Method, lacks

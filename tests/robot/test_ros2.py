@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from helpers.paths import REPOSITORY
-from zeroshop_steps.robot.camera import GivenCamera, TopicCamera
+from zeroshop_steps.robot.goal_camera import GivenCamera, TopicCamera
 from zeroshop_steps.robot.goals import read_pose
 from zeroshop_steps.robot.image_messages import write_image
 from zeroshop_steps.robot.recognition import Recognition, RecognizedObject, make_frame

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 import zeroshop_steps
-from zeroshop_steps.networks.salient_networks import network_path
+from zeroshop_steps.networks.saliency.salient_networks import network_path
 from zeroshop_steps.register import mast3r, vggt
 from zeroshop_steps.runtime import cache
 from zeroshop_steps.runtime.cache import Cached, cache_folder, check_cache, content_digest, entry_name, run_cached

@@ -13,9 +13,9 @@ from zeroshop_steps.geometry.imaging.images import list_images, read_depth_mm, r
 from zeroshop_steps.geometry.imaging.srgb import linear_to_srgb, srgb_to_linear
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
-from zeroshop_steps.segment.color_gains import GAIN_RANGE, estimate_gains
-from zeroshop_steps.segment.exposure import apply_gain
-from zeroshop_steps.segment.shared_colors import SharedColors
+from zeroshop_steps.segment.photometry.color_gains import GAIN_RANGE, estimate_gains
+from zeroshop_steps.segment.photometry.exposure import apply_gain
+from zeroshop_steps.segment.photometry.shared_colors import SharedColors
 
 PHOTOS, POINTS = 12, 400
 

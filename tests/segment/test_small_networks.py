@@ -16,7 +16,7 @@ from zeroshop_steps.networks.sam2 import ObjectTracker
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.segment import grounded_sam
-from zeroshop_steps.segment.mask_agreement import find_corners
+from zeroshop_steps.segment.quality.mask_agreement import find_corners
 
 CPU = torch.device("cpu")
 

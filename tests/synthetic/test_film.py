@@ -12,12 +12,13 @@ from zeroshop_steps.capture.video import extract_frames
 from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
 from zeroshop_steps.geometry.imaging.images import list_images, read_mask
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.synthetic import lighting, table_scene, table_tops
 from zeroshop_steps.synthetic.board_scene import BOARD, place_empty_cameras
-from zeroshop_steps.synthetic.camera_rings import ObjectBounds
 from zeroshop_steps.synthetic.film import render_film
-from zeroshop_steps.synthetic.film_scene import BOARD_GAP_MM, CLEAR_VIEW_DEG, LEAST_GAP_MM, FilmRenderer, lay_table
-from zeroshop_steps.synthetic.handheld_camera import DURATION_S, ELEVATIONS_DEG, HandheldCamera, Lens
+from zeroshop_steps.synthetic.rendering import lighting
+from zeroshop_steps.synthetic.scenes import table_scene, table_tops
+from zeroshop_steps.synthetic.scenes.camera_rings import ObjectBounds
+from zeroshop_steps.synthetic.scenes.film_scene import BOARD_GAP_MM, CLEAR_VIEW_DEG, LEAST_GAP_MM, FilmRenderer, lay_table
+from zeroshop_steps.synthetic.scenes.handheld_camera import DURATION_S, ELEVATIONS_DEG, HandheldCamera, Lens
 
 SIZE_PX = (320, 180)
 FRAMES = 20

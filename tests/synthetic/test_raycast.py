@@ -12,9 +12,9 @@ from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.synthetic.camera_rings import DISTANCE_IN_SIZES, ObjectBounds, Rings, place_capture_cameras
-from zeroshop_steps.synthetic.lighting import place_lights
 from zeroshop_steps.synthetic.raycast import capture
+from zeroshop_steps.synthetic.rendering.lighting import place_lights
+from zeroshop_steps.synthetic.scenes.camera_rings import DISTANCE_IN_SIZES, ObjectBounds, Rings, place_capture_cameras
 
 WIDTH, HEIGHT = 160, 120
 HALF_MM = np.array([20.0, 30.0, 50.0])

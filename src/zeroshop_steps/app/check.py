@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.app.moved_things import MOST_STEPS, PIECES, SIDE_PX, Piece, follow_points, judge_motion
-from zeroshop_steps.app.project import find_weights_home
+from zeroshop_steps.app.project_folders import find_weights_home
 from zeroshop_steps.app.turning import measure_turn_deg
 from zeroshop_steps.capture.bridging import SHARED_FEATURES, Features, count_shared, find_features
-from zeroshop_steps.capture.frames import (
+from zeroshop_steps.capture.frame_quality import (
     collect_image_warnings,
     look_alike,
     make_thumbnail,
@@ -31,8 +31,8 @@ from zeroshop_steps.capture.video import choose_frames, read_frames, read_number
 from zeroshop_steps.geometry.cameras.registered_views import space_evenly
 from zeroshop_steps.geometry.imaging.image_overlap import count_common_features, describe_view
 from zeroshop_steps.geometry.imaging.images import measure_border_share
-from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS
-from zeroshop_steps.networks.salient_object import SalientObjectNetwork
+from zeroshop_steps.networks.saliency.salient_networks import DEFAULT, NETWORKS
+from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.progress import track
 

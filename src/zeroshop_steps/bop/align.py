@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.symmetry import list_symmetry_transforms
+from zeroshop_steps.bop.formats.symmetry import list_symmetry_transforms
 from zeroshop_steps.geometry.alignment.similarity_icp import SimilarityFit, SimilarityRefiner
 from zeroshop_steps.geometry.alignment.similarity_search import search_similarities
 from zeroshop_steps.geometry.alignment.surface_distance import measure_distances

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.bop.export_models import write_model
-from zeroshop_steps.bop.models import read_models, read_models_info
+from zeroshop_steps.bop.formats.models import read_models, read_models_info
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, write_json

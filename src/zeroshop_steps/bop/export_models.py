@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.models import describe_model, model_path
+from zeroshop_steps.bop.formats.models import describe_model, model_path
 from zeroshop_steps.geometry.cameras.transforms import transform_points
 from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply

@@ -13,13 +13,13 @@ import cv2
 import numpy as np
 import pandas as pd
 
-from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.detections import Detection, decode_mask, read_detections
-from zeroshop_steps.bop.estimates import Estimates, read_estimates
-from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
-from zeroshop_steps.bop.poses import make_transform
-from zeroshop_steps.bop.scene import Frame
-from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets, size_finder
+from zeroshop_steps.bop.formats.bop_scenes import Frame
+from zeroshop_steps.bop.formats.detections import Detection, decode_mask, read_detections
+from zeroshop_steps.bop.formats.estimates import Estimates, read_estimates
+from zeroshop_steps.bop.formats.models import ObjectModel, list_objects, read_models
+from zeroshop_steps.bop.formats.pose_checks import make_transform
+from zeroshop_steps.bop.formats.targets import Frames, Target, read_target_frames, read_targets, size_finder
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
 from zeroshop_steps.geometry.cameras.transforms import transform_points
 from zeroshop_steps.geometry.imaging.images import read_image, write_image
 from zeroshop_steps.runtime.errors import StepError

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.capture.frames import bound_to_grey
+from zeroshop_steps.capture.frame_quality import bound_to_grey
 from zeroshop_steps.geometry.imaging.image_overlap import RATIO, find_root_sift
 
 SHARED_FEATURES = 60

@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.capture.frames import (
+from zeroshop_steps.capture.cameras_json import FILE, read_given_cameras
+from zeroshop_steps.capture.frame_quality import (
     collect_image_warnings,
     draw_contact_sheet,
     is_copy,
@@ -27,7 +28,6 @@ from zeroshop_steps.capture.frames import (
     measure_sharpness,
     write_capture_record,
 )
-from zeroshop_steps.capture.given_cameras import FILE, read_given_cameras
 from zeroshop_steps.capture.mask_files import UserMask, read_user_mask
 from zeroshop_steps.capture.mask_names import MaskNames, find_masks, split_masks
 from zeroshop_steps.capture.photo_files import MAX_SIDE_PX, choose_suffix, is_cut_out, list_photos, read_photo, write_upright

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.capture.bridging import bridge_gaps
-from zeroshop_steps.capture.frames import (
+from zeroshop_steps.capture.frame_quality import (
     collect_image_warnings,
     draw_contact_sheet,
     look_alike,

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps import __version__
-from zeroshop_steps.bop.detections import Detection, encode_mask, mask_to_box, write_detections
-from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
-from zeroshop_steps.bop.scene import Frame, check_depth, list_scenes, read_scene
-from zeroshop_steps.bop.targets import read_target_frames, read_targets
+from zeroshop_steps.bop.formats.bop_scenes import Frame, check_depth, list_scenes, read_scene
+from zeroshop_steps.bop.formats.detections import Detection, encode_mask, mask_to_box, write_detections
+from zeroshop_steps.bop.formats.models import ObjectModel, list_objects, read_models
+from zeroshop_steps.bop.formats.targets import read_target_frames, read_targets
 from zeroshop_steps.detect.templates import Templates, read_templates
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.runtime.errors import StepError, warn

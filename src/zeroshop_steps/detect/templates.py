@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
+from zeroshop_steps.bop.formats.models import ObjectModel, list_objects, read_models
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.viewpoints import look_at, make_intrinsics
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer

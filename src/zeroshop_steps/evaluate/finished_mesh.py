@@ -22,10 +22,10 @@ from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.observation.support_classes import MEASURED, UNSEEN, compute_area_shares
+from zeroshop_steps.runtime.compute.kernel_devices import DEVICES, choose_kernel_device
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import part_of_step
 from zeroshop_steps.runtime.files import Record, atomic_write, read_json
-from zeroshop_steps.runtime.kernel_devices import DEVICES, choose_kernel_device
 
 EVIDENCE, QUALITY, PREVIEW = "evidence.npz", "quality.json", "mesh_preview.png"
 """What is written beside grade.json."""

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.finish import exposure
+from zeroshop_steps.finish.texturing import exposure_gains
 from zeroshop_steps.geometry.alignment.surface_distance import sample_surface
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.cameras.transforms import shrink_camera
@@ -96,7 +96,7 @@ def measure_photo_agreement(mesh: Mesh, views: Sequence[View], seed: int = 0) ->
     places = points + OFFSETS_DIAMETERS[:, None, None] * diameter * normals
     places = np.concatenate([points[None], places])
     look = _sample_photos(joined, places, normals, views, diameter)
-    weight, colors = look.weight, look.colors * exposure.estimate_gains(look.colors[0].mean(2), look.weight, look.weight > 0)[:, None]
+    weight, colors = look.weight, look.colors * exposure_gains.estimate_gains(look.colors[0].mean(2), look.weight, look.weight > 0)[:, None]
     spread = np.stack([_measure_spread(shown, weight) for shown in colors])
     spread[1:][~(look.on_object[1:] | (weight == 0)).all(2)] = np.inf
     slope = (look.slope * weight).sum(1) / np.maximum(weight.sum(1), 1e-12)

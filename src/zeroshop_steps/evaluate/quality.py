@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.finish.underside import drop_underside
+from zeroshop_steps.finish.closing.underside import drop_underside
 from zeroshop_steps.geometry.alignment.surface_distance import measure_surface_error
 from zeroshop_steps.geometry.cameras.pinhole import Camera, align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.cameras.registered_views import View, read_views

@@ -57,7 +57,7 @@ def measure_guessed_share(mesh: Mesh, views: Sequence[View], inferred: slice = s
 
     Where only masks limit a surface, it should lie on their visual hull. If it lies deeper, such as the floor of a dark hollow or a dent
     in a plain wall, it may as well lie elsewhere. The inside of a hollow is no guess if it was opened because the photos agree on its
-    colours (finish/hollows.py).
+    colours (finish/closing/hollows.py).
 
     Args:
         mesh: with the classes of its surface support (geometry/observation/support_classes.py) as its quality.

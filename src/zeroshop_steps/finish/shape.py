@@ -10,7 +10,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from zeroshop_steps.finish import clean, close
+from zeroshop_steps.finish import clean
+from zeroshop_steps.finish.closing import close
 from zeroshop_steps.finish.frame import make_frame_record
 from zeroshop_steps.geometry.cameras.registered_views import View, read_views
 from zeroshop_steps.geometry.meshes.mass_properties import count_open_edges

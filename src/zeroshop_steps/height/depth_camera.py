@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.capture.given_cameras import FILE, read_given_cameras
+from zeroshop_steps.capture.cameras_json import FILE, read_given_cameras
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.imaging.image_files import check_kind
 from zeroshop_steps.geometry.imaging.images import decode_image

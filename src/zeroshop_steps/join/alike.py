@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.cameras.transforms import compute_scale
 from zeroshop_steps.join.evidence import Judgement, Sight
-from zeroshop_steps.register.submodels.alignment import measure_misses
+from zeroshop_steps.register.submodels.outline_alignment import measure_misses
 
 AXIS_DEG = 10.0  # of a turn's axis from the pass's up
 MISS_PX = 1.0  # by which the outlines of a pass, turned, may miss its own in the mean, per 1000 px

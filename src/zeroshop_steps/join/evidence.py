@@ -18,8 +18,8 @@ from zeroshop_steps.join.outline_ways import find_ways_by_outlines
 from zeroshop_steps.join.pass_images import Pass
 from zeroshop_steps.join.ways import Way
 from zeroshop_steps.register.photometry.view_similarity import Chances
-from zeroshop_steps.register.submodels.alignment import CameraGroup, measure_between_deg, measure_misses
 from zeroshop_steps.register.submodels.appearance import Likeness, compare_groups
+from zeroshop_steps.register.submodels.outline_alignment import CameraGroup, measure_between_deg, measure_misses
 
 LARGEST_MISS_PX = 2.5
 """By how much rays through the rims may miss the masks of the other pass in the mean, per 1000 px: exact masks miss by 0.1, found ones

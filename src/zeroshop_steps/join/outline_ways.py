@@ -7,7 +7,7 @@ and all ways that differ are returned: one that is far better than every other s
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.register.submodels.alignment import (
+from zeroshop_steps.register.submodels.outline_alignment import (
     CameraGroup,
     Hypothesis,
     keep_distinct,

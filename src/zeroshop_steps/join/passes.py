@@ -23,8 +23,8 @@ from zeroshop_steps.join.learned_matches import load_networks, match_by_networks
 from zeroshop_steps.join.merging import merge_models, triangulate_joined
 from zeroshop_steps.join.object_matches import match_object, pair_points, triangulate_pass
 from zeroshop_steps.join.pass_images import Pass, gather, read_pass, repeats
+from zeroshop_steps.join.pass_refinement import refine
 from zeroshop_steps.join.reasons import explain, explain_failure, explain_first_failure, explain_joined, explain_repetition
-from zeroshop_steps.join.refinement import refine
 from zeroshop_steps.join.ways import Way, find_ways_by_matches
 from zeroshop_steps.networks.aliked import FOLDER
 from zeroshop_steps.networks.devices import DEVICES

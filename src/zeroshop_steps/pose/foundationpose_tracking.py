@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from zeroshop_steps.bop.detections import decode_mask, read_detections
-from zeroshop_steps.bop.estimates import Estimates, write_estimates
-from zeroshop_steps.bop.models import list_objects, read_models
-from zeroshop_steps.bop.scene import Frame, list_scenes, read_scene
-from zeroshop_steps.bop.targets import Frames, Target, read_targets, size_finder
+from zeroshop_steps.bop.formats.bop_scenes import Frame, list_scenes, read_scene
+from zeroshop_steps.bop.formats.detections import decode_mask, read_detections
+from zeroshop_steps.bop.formats.estimates import Estimates, write_estimates
+from zeroshop_steps.bop.formats.models import list_objects, read_models
+from zeroshop_steps.bop.formats.targets import Frames, Target, read_targets, size_finder
 from zeroshop_steps.detect.detector_io import read_depth, read_photo
 from zeroshop_steps.networks.devices import choose_device, run_network
 from zeroshop_steps.networks.foundationpose.model import SIZES

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.detections import Detection
-from zeroshop_steps.bop.models import ObjectModel
-from zeroshop_steps.bop.pose_error import ModelPoints, mssd
-from zeroshop_steps.bop.scene import Frame
+from zeroshop_steps.bop.formats.bop_scenes import Frame
+from zeroshop_steps.bop.formats.detections import Detection
+from zeroshop_steps.bop.formats.models import ObjectModel
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
+from zeroshop_steps.bop.scoring.pose_error import ModelPoints, mssd
 from zeroshop_steps.pose import dataset
 from zeroshop_steps.pose.confidence import SAME_DIAMETERS, SURE_CONFIDENCE, estimate_confidence
 from zeroshop_steps.pose.hypotheses import PoseSearch

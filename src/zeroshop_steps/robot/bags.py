@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.robot.camera import read_lens
+from zeroshop_steps.robot.goal_camera import read_lens
 from zeroshop_steps.robot.goals import write_pose, write_result
 from zeroshop_steps.robot.image_messages import read_color, read_depth, write_image
 from zeroshop_steps.robot.recognition import Recognition, RecognizedObject, Request

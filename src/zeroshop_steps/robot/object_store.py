@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.models import (
+from zeroshop_steps.bop.formats.models import (
     ObjectModel,
     check_diameter_mm,
     list_model_files,

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.scene import Frame
+from zeroshop_steps.bop.formats.bop_scenes import Frame
 from zeroshop_steps.detect.detector_io import read_photo
 from zeroshop_steps.runtime.errors import StepError
 

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from zeroshop_steps.bop.detections import Detection, decode_mask, encode_mask, mask_to_box
+from zeroshop_steps.bop.formats.detections import Detection, decode_mask, encode_mask, mask_to_box
 from zeroshop_steps.detect.filter_masks import filter_detections
 from zeroshop_steps.methods import DETECTORS, ESTIMATORS, Method, lacks, refusal
 from zeroshop_steps.robot.object_store import ObjectStore

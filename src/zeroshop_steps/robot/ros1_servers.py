@@ -7,7 +7,7 @@ results/demo, whose meshes are taken again when the workflow makes them anew. Th
 
 import argparse
 
-from zeroshop_steps.robot.camera import CameraSource, GivenCamera, TopicCamera, add_camera_arguments
+from zeroshop_steps.robot.goal_camera import CameraSource, GivenCamera, TopicCamera, add_camera_arguments
 from zeroshop_steps.robot.prepared import add_recognizer_arguments, prepare_recognizers
 from zeroshop_steps.robot.ros1.environment import provide_ros, require_master
 from zeroshop_steps.robot.ros1.messages import load_messages

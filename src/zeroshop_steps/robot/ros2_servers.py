@@ -8,7 +8,7 @@ import argparse
 import importlib.util
 from typing import Any
 
-from zeroshop_steps.robot.camera import CameraSource, GivenCamera, TopicCamera, add_camera_arguments
+from zeroshop_steps.robot.goal_camera import CameraSource, GivenCamera, TopicCamera, add_camera_arguments
 from zeroshop_steps.robot.prepared import add_recognizer_arguments, prepare_recognizers
 from zeroshop_steps.robot.ros2.node import start_servers
 from zeroshop_steps.runtime.errors import StepError

@@ -23,10 +23,10 @@ from zeroshop_steps.networks.grounding_dino import Box, Detector, choose_box, de
 from zeroshop_steps.networks.pretrained import require_model
 from zeroshop_steps.networks.sam2 import ObjectTracker, TrackedMask
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.mask_agreement import assess_masks, find_corners
-from zeroshop_steps.segment.mask_quality import check_enough_good, describe_quality
+from zeroshop_steps.segment.quality.mask_agreement import assess_masks, find_corners
+from zeroshop_steps.segment.quality.mask_quality import check_enough_good, describe_quality
+from zeroshop_steps.segment.quality.tidy_mask import tidy_mask
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
-from zeroshop_steps.segment.tidy_mask import tidy_mask
 
 PROMPT = "object in the middle."
 MIN_SCORE = 0.25

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zeroshop_steps.bop.scene import HALF_PX, Frame
+from zeroshop_steps.bop.formats.bop_scenes import HALF_PX, Frame
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.viewpoints import look_at
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.synthetic.table_scene import RgbdImage, TableScene, render_raycast
+from zeroshop_steps.synthetic.scenes.table_scene import RgbdImage, TableScene, render_raycast
 
 WIDTH_PX, HEIGHT_PX = 640, 480
 INTRINSICS = np.array([[538.391, 0.0, 315.307], [0.0, 538.085, 233.048], [0.0, 0.0, 1.0]])  # BOP's K of the HSR's camera

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import trimesh
 
-from zeroshop_steps.bop.depth_render import DepthRenderer
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.transforms import transform_points
 from zeroshop_steps.geometry.cameras.viewpoints import look_at, make_intrinsics
@@ -13,7 +13,7 @@ from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.grasp.gripper import Gripper
 from zeroshop_steps.simulate.camera import SensedFrame
-from zeroshop_steps.simulate.lifting import Lift, Snapshot
+from zeroshop_steps.simulate.dynamics.lifting import Lift, Snapshot
 from zeroshop_steps.simulate.robot import Plan, Robot
 from zeroshop_steps.simulate.true_object import MM_PER_METRE, TrueObject, in_mm
 

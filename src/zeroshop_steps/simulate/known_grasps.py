@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.models import model_path
-from zeroshop_steps.finish.underside import close_underside
+from zeroshop_steps.bop.formats.models import model_path
+from zeroshop_steps.finish.closing.underside import close_underside
 from zeroshop_steps.geometry.meshes.mass_properties import count_open_edges
 from zeroshop_steps.geometry.meshes.metric_mesh import MetricMesh, read_metric_mesh
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh

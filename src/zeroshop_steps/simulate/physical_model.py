@@ -16,7 +16,7 @@ from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import read_table
-from zeroshop_steps.simulate.physical_body import PhysicalBody, write_body
+from zeroshop_steps.simulate.dynamics.physical_body import PhysicalBody, write_body
 
 CACHED = Cached(inputs=("model",))
 MASSES = Path(__file__).with_name("true_masses.csv")

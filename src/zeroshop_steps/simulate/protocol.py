@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.support.placements import Placement, placements_of_hull
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.simulate.physical_body import PhysicalBody
+from zeroshop_steps.simulate.dynamics.physical_body import PhysicalBody
 
 TURNS_DEG = (0.0, 90.0, 180.0, 270.0)
 FACING_ROBOT_DEG = 180.0  # the robot looks along +x of the table, and at 0 degrees the object's front, its x axis, faces it

@@ -11,17 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.models import list_objects, read_models
-from zeroshop_steps.bop.scene import write_scene
+from zeroshop_steps.bop.formats.bop_scenes import write_scene
+from zeroshop_steps.bop.formats.models import list_objects, read_models
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.runtime.progress import track
 from zeroshop_steps.simulate.camera import photograph
 from zeroshop_steps.simulate.layout import Layout
-from zeroshop_steps.synthetic.clutter import make_body
 from zeroshop_steps.synthetic.make_test_scenes import write_frame
-from zeroshop_steps.synthetic.shading import use_threads
+from zeroshop_steps.synthetic.rendering.shading import use_threads
+from zeroshop_steps.synthetic.scenes.clutter import make_body
 
 CLEAR, OVERLAPPING = "clear", "overlapping"
 LAYOUTS = "layouts.json"

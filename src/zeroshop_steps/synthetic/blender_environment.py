@@ -19,7 +19,7 @@ from types import ModuleType
 from zeroshop_steps.runtime.check_install import missing_packages
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
-from zeroshop_steps.synthetic.blender import check, start
+from zeroshop_steps.synthetic.blender import probe, start
 
 PYTHON = (3, 11)  # the one that Blender's module is built for
 KEPT_LINES = 12  # of a command's output, for the error where it fails
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
     python = Path(sys.executable) if find_spec("bpy") else make_environment(args.requirements, args.folder)
     versions = {"bpy": start.BPY_VERSION, "blenderproc": start.BLENDERPROC_VERSION}
-    for _ in _read_messages(python, check, [], f"the Python {python}"):
+    for _ in _read_messages(python, probe, [], f"the Python {python}"):
         pass
     write_json(args.out, {"python": str(python), **versions})
 

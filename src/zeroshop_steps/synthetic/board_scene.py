@@ -21,10 +21,10 @@ from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import atomic_directory, write_json
 from zeroshop_steps.synthetic import raycast, virtual_capture
-from zeroshop_steps.synthetic.camera_rings import LENS_MM, SENSOR_WIDTH_MM, ObjectBounds
-from zeroshop_steps.synthetic.renderer import SceneRenderer, expose
-from zeroshop_steps.synthetic.scene_meshes import SCENES, SURFACE_SIDE_IN_SIZES, make_object_mesh, make_surface_mesh
-from zeroshop_steps.synthetic.shading import use_threads
+from zeroshop_steps.synthetic.rendering.renderer import SceneRenderer, expose
+from zeroshop_steps.synthetic.rendering.shading import use_threads
+from zeroshop_steps.synthetic.scenes.camera_rings import LENS_MM, SENSOR_WIDTH_MM, ObjectBounds
+from zeroshop_steps.synthetic.scenes.scene_meshes import SCENES, SURFACE_SIDE_IN_SIZES, make_object_mesh, make_surface_mesh
 
 CACHED = Cached(inputs=("model",), ignored=("threads",))
 VIEWS = ("object", "empty")

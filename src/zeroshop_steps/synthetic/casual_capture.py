@@ -21,10 +21,10 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, atomic_write, write_json
 from zeroshop_steps.runtime.progress import track
 from zeroshop_steps.synthetic import virtual_capture
-from zeroshop_steps.synthetic.camera_rings import ObjectBounds
-from zeroshop_steps.synthetic.casual_scene import DIFFICULTIES, FULL_ROUND_DEG, CasualRenderer, Style, choose_style, lay_scene
-from zeroshop_steps.synthetic.renderer import expose
-from zeroshop_steps.synthetic.shading import use_threads
+from zeroshop_steps.synthetic.rendering.renderer import expose
+from zeroshop_steps.synthetic.rendering.shading import use_threads
+from zeroshop_steps.synthetic.scenes.camera_rings import ObjectBounds
+from zeroshop_steps.synthetic.scenes.casual_scene import DIFFICULTIES, FULL_ROUND_DEG, CasualRenderer, Style, choose_style, lay_scene
 
 CACHED = Cached(inputs=("model",), ignored=("threads",))
 LONG_SIDE_PX = 720

@@ -24,12 +24,12 @@ from zeroshop_steps.runtime.files import atomic_directory, write_json
 from zeroshop_steps.runtime.progress import track
 from zeroshop_steps.synthetic import virtual_capture
 from zeroshop_steps.synthetic.board_scene import place_empty_cameras
-from zeroshop_steps.synthetic.camera_rings import SENSOR_WIDTH_MM
-from zeroshop_steps.synthetic.film_scene import BOARD_GAP_MM, FilmRenderer, FilmTable, lay_table
-from zeroshop_steps.synthetic.handheld_camera import DURATION_S, FOCAL_IN_WIDTHS, HandheldCamera, Lens, SmoothNoise
-from zeroshop_steps.synthetic.renderer import expose
-from zeroshop_steps.synthetic.shading import use_threads
-from zeroshop_steps.synthetic.table_tops import TABLE_TOPS
+from zeroshop_steps.synthetic.rendering.renderer import expose
+from zeroshop_steps.synthetic.rendering.shading import use_threads
+from zeroshop_steps.synthetic.scenes.camera_rings import SENSOR_WIDTH_MM
+from zeroshop_steps.synthetic.scenes.film_scene import BOARD_GAP_MM, FilmRenderer, FilmTable, lay_table
+from zeroshop_steps.synthetic.scenes.handheld_camera import DURATION_S, FOCAL_IN_WIDTHS, HandheldCamera, Lens, SmoothNoise
+from zeroshop_steps.synthetic.scenes.table_tops import TABLE_TOPS
 
 CACHED = Cached(inputs=("model",), ignored=("threads",))
 BOARDS = ("beside", "empty_scene")

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from helpers.printed_box import INTRINSICS, make_box, view
 from helpers.true_networks import TrueNetworks
-from zeroshop_steps.bop.models import ObjectModel
-from zeroshop_steps.bop.pose_error import ModelPoints, mssd
+from zeroshop_steps.bop.formats.models import ObjectModel
+from zeroshop_steps.bop.scoring.pose_error import ModelPoints, mssd
 from zeroshop_steps.pose.foundationpose import start_poses
 from zeroshop_steps.pose.foundationpose.estimator import PoseEstimator, PreparedModel
 

@@ -11,9 +11,9 @@ from helpers.printed_box import INTRINSICS, make_box, taken
 from helpers.small_dataset import BOX, CAN, dataset_in, make_dataset
 from helpers.small_foundationpose import write_checkpoints
 from helpers.true_networks import TrueNetworks
-from zeroshop_steps.bop.estimates import read_estimates
-from zeroshop_steps.bop.pose_error import ModelPoints, mssd
-from zeroshop_steps.bop.targets import Target, write_targets
+from zeroshop_steps.bop.formats.estimates import read_estimates
+from zeroshop_steps.bop.formats.targets import Target, write_targets
+from zeroshop_steps.bop.scoring.pose_error import ModelPoints, mssd
 from zeroshop_steps.pose.foundationpose import start_poses
 from zeroshop_steps.pose.foundationpose.estimator import PoseEstimator, PreparedModel
 from zeroshop_steps.runtime.cli import stage_main

@@ -18,7 +18,7 @@ import numpy as np
 import yaml
 
 from zeroshop_steps.capture.adapters.form import Adapter, Frame, ImportedCapture, ImportOptions, read_size_px
-from zeroshop_steps.capture.given_cameras import Lens
+from zeroshop_steps.capture.cameras_json import Lens
 from zeroshop_steps.capture.photo_files import list_photos, open_picture
 from zeroshop_steps.geometry.boards.board_files import find_dictionary, read_board
 from zeroshop_steps.geometry.boards.printed_board import Board, TagBoard

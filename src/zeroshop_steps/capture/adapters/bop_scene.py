@@ -6,10 +6,10 @@ Without poses of an object, the cameras of the scene itself are taken (cam_R_w2c
 from collections import Counter
 from pathlib import Path
 
-from zeroshop_steps.bop.scene import HALF_PX, read_scene
-from zeroshop_steps.bop.scene import Frame as BopFrame
+from zeroshop_steps.bop.formats.bop_scenes import HALF_PX, read_scene
+from zeroshop_steps.bop.formats.bop_scenes import Frame as BopFrame
 from zeroshop_steps.capture.adapters.form import Adapter, Frame, ImportedCapture, ImportOptions, choose_unit, read_size_px
-from zeroshop_steps.capture.given_cameras import Lens
+from zeroshop_steps.capture.cameras_json import Lens
 from zeroshop_steps.runtime.errors import StepError
 
 

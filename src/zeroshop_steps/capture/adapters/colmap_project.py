@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from zeroshop_steps.capture.adapters.form import Adapter, Frame, ImportedCapture, ImportOptions, choose_unit, require_files, resolve_inside
-from zeroshop_steps.capture.given_cameras import Lens
+from zeroshop_steps.capture.cameras_json import Lens
 from zeroshop_steps.geometry.cameras.pinhole import to_matrix
 from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction
 from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES

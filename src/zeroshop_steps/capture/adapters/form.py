@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from zeroshop_steps.capture.given_cameras import FILE, GivenCamera, GivenCameras, Lens, check_pose
+from zeroshop_steps.capture.cameras_json import FILE, GivenCamera, GivenCameras, Lens, check_pose
 from zeroshop_steps.capture.photo_files import UPRIGHT, open_picture
 from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
 from zeroshop_steps.geometry.imaging.images import decode_image, write_image

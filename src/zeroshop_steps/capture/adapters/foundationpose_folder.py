@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.capture.adapters.form import Adapter, Frame, ImportedCapture, ImportOptions, read_size_px
-from zeroshop_steps.capture.given_cameras import Lens
+from zeroshop_steps.capture.cameras_json import Lens
 from zeroshop_steps.capture.photo_files import list_photos
 from zeroshop_steps.runtime.errors import StepError
 

@@ -17,7 +17,7 @@ from zeroshop_steps.capture.adapters.form import (
     require_files,
     resolve_inside,
 )
-from zeroshop_steps.capture.given_cameras import Lens
+from zeroshop_steps.capture.cameras_json import Lens
 from zeroshop_steps.runtime.errors import StepError
 
 NUMBERS = 21

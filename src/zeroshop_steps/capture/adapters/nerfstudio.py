@@ -19,7 +19,7 @@ from zeroshop_steps.capture.adapters.form import (
     require_files,
     resolve_inside,
 )
-from zeroshop_steps.capture.given_cameras import Lens
+from zeroshop_steps.capture.cameras_json import Lens
 from zeroshop_steps.geometry.cameras.transforms import OPENCV_FROM_OPENGL
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json

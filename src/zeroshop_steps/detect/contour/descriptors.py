@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from zeroshop_steps.synthetic.textures import LINEAR_OF_BYTE
+from zeroshop_steps.synthetic.rendering.textures import LINEAR_OF_BYTE
 
 # Chosen on six virtual tables of the demo objects, the test set with seed 1 (docs/results.md, "Detection and poses").
 CROP_PX = 48  # side of a crop

@@ -7,9 +7,9 @@ import torch
 from torch import Tensor, nn
 
 from zeroshop_steps.networks.sam6d.embedding import PairEmbedding
-from zeroshop_steps.networks.sam6d.matching import CoarseMatching, FineMatching, SparseCloud
+from zeroshop_steps.networks.sam6d.point_matching import CoarseMatching, FineMatching, SparseCloud
 from zeroshop_steps.networks.sam6d.points import sample_farthest, take
-from zeroshop_steps.networks.sam6d.poses import find_coarse_pose, find_fine_pose
+from zeroshop_steps.networks.sam6d.pose_solver import find_coarse_pose, find_fine_pose
 from zeroshop_steps.networks.sam6d.settings import Sam6dSettings
 from zeroshop_steps.networks.sam6d.vision import FeatureExtraction
 from zeroshop_steps.networks.weights import load_strictly, read_own_sizes

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from zeroshop_steps.bop.models import ObjectModel, measure_diameter_mm
+from zeroshop_steps.bop.formats.models import ObjectModel, measure_diameter_mm
 from zeroshop_steps.pose.foundationpose.crops import FOR_REFINER, FOR_SCORER, CropPairs, CropStyle, DrawnModel, Observation, cut_pairs
 from zeroshop_steps.pose.foundationpose.depth_filter import filter_depth
 from zeroshop_steps.pose.foundationpose.networks import PairNetworks

@@ -6,9 +6,9 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from zeroshop_steps.bop.detections import Detection
-from zeroshop_steps.bop.models import ObjectModel
-from zeroshop_steps.bop.scene import Frame
+from zeroshop_steps.bop.formats.bop_scenes import Frame
+from zeroshop_steps.bop.formats.detections import Detection
+from zeroshop_steps.bop.formats.models import ObjectModel
 from zeroshop_steps.networks.devices import DEVICES, choose_device, run_network
 from zeroshop_steps.pose import dataset
 from zeroshop_steps.pose.foundationpose.estimator import PoseEstimator, PreparedModel

@@ -14,9 +14,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from zeroshop_steps.bop.detections import Detection
-from zeroshop_steps.bop.models import ObjectModel
-from zeroshop_steps.bop.scene import Frame
+from zeroshop_steps.bop.formats.bop_scenes import Frame
+from zeroshop_steps.bop.formats.detections import Detection
+from zeroshop_steps.bop.formats.models import ObjectModel
 from zeroshop_steps.detect.detector_io import warn_of_plain_models
 from zeroshop_steps.detect.templates import Templates, read_templates
 from zeroshop_steps.geometry.alignment.surface_distance import sample_surface

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.capture.given_cameras import GivenCameras
+from zeroshop_steps.capture.cameras_json import GivenCameras
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.support.scene_support import find_focus
 from zeroshop_steps.register.colmap import ColmapOptions, match_images

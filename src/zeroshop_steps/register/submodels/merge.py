@@ -22,8 +22,8 @@ from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.undistortion import undistort, undistort_masks
 from zeroshop_steps.register.silhouettes.model_adjustment import adjust_model_by_silhouettes
 from zeroshop_steps.register.silhouettes.pose_fit import FINE_MISS_PX, WRONG_MISS_PX
-from zeroshop_steps.register.submodels.alignment import CameraGroup, find_hypotheses
 from zeroshop_steps.register.submodels.appearance import Likeness, compare_groups
+from zeroshop_steps.register.submodels.outline_alignment import CameraGroup, find_hypotheses
 from zeroshop_steps.runtime.files import scratch_directory
 
 LEAST_IMAGES = 5  # of a group

@@ -1,4 +1,4 @@
-"""Where the cameras stood: a plan seen from above and a section, as SVG. Not by Matplotlib, for the reasons in charts.py."""
+"""Where the cameras stood: a plan seen from above and a section, as SVG. Not by Matplotlib, for the reasons in svg_plots.py."""
 
 import numpy as np
 from markupsafe import Markup, escape

@@ -11,8 +11,8 @@ from zeroshop_steps.geometry.cameras.transforms import crop_to_mask, transform_c
 from zeroshop_steps.geometry.imaging.images import list_images, read_image, read_mask
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
-from zeroshop_steps.report.site.pictures import fit_width, write_webp
 from zeroshop_steps.report.site.results_index import Cell, Run
+from zeroshop_steps.report.site.thumbnails import fit_width, write_webp
 from zeroshop_steps.report.site.viewer_meshes import compute_truth_from_object, read_object_frame
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure

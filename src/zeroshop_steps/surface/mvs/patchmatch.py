@@ -15,7 +15,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras.object_crops import STRIDE_PX
 from zeroshop_steps.geometry.cameras.pinhole import Camera
-from zeroshop_steps.runtime.kernel_devices import choose_kernel_device
+from zeroshop_steps.runtime.compute.kernel_devices import choose_kernel_device
 from zeroshop_steps.runtime.progress import ProgressReport
 from zeroshop_steps.surface.mvs.cpu_patchmatch import CpuPatchMatch
 from zeroshop_steps.surface.mvs.patch_cost import CX, CY, DARK, DETAIL_PX, FX, FY, NEIGHBOURS, unproject_ray

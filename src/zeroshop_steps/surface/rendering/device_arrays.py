@@ -4,8 +4,8 @@ from typing import Any
 
 import torch
 
+from zeroshop_steps.runtime.compute.kernel_devices import choose_kernel_device
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.kernel_devices import choose_kernel_device
 
 THREADS = 128
 """Threads of a block, where each has a primitive of its own."""

@@ -5,7 +5,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import Any
 
-from zeroshop_steps.runtime.kernel_devices import DEVICES
+from zeroshop_steps.runtime.compute.kernel_devices import DEVICES
 
 INITIALIZATIONS = ("stereo", "sparse")
 """What training starts from: the depths that stereo has confirmed, or nothing but the registration's sparse points, as in the papers."""

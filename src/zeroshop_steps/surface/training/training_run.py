@@ -13,9 +13,9 @@ import pandas as pd
 from zeroshop_steps.geometry.cameras.object_crops import ObjectSphere, fit_object_sphere
 from zeroshop_steps.runtime.cache import content_digest
 from zeroshop_steps.runtime.code_version import code_version
+from zeroshop_steps.runtime.compute.threads import use_threads
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write, write_json
-from zeroshop_steps.runtime.threads import use_threads
 from zeroshop_steps.surface.mvs.seeds import Seeds, read_seeds
 from zeroshop_steps.surface.rendering.training_views import CameraSet, TrainingView, make_seed_views, make_training_views, read_camera_set
 from zeroshop_steps.surface.training.initialization import Initialization, make_initialization

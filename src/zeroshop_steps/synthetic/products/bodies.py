@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.synthetic.products.atlas import Panel
 from zeroshop_steps.synthetic.products.canvas import Canvas, parse_color
+from zeroshop_steps.synthetic.products.panels import Panel
 from zeroshop_steps.synthetic.products.profiles import arc_length, round_polyline
 from zeroshop_steps.synthetic.products.solids import ProfileBand, Solid, revolve, sweep_rod, transform_solid
 
