@@ -37,7 +37,6 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.progress import track
 
 ENOUGH_IMAGES = 20  # different ones; with fewer, a warning asks for more
-FRAMES = 20  # of a film that are judged
 PARTNERS = 3  # photos that each is compared with, those most like it
 LONELY_SHARE = 0.25
 """Of the photos may share too little with any other: up to 0.16 where cameras came out right (bananas on a carpet, a kitchen table,
@@ -183,7 +182,7 @@ def _open_folder(folder: Path) -> tuple[int, Iterator[tuple[str, np.ndarray | No
 def _open_film(video: Path) -> tuple[int, Iterator[tuple[str, np.ndarray | None]], Iterator[Piece]]:
     """How many frames of a film are judged, their names and pixels, and points that are followed through pieces of it."""
     scan = scan_video(video)
-    chosen = choose_frames(scan, FRAMES)
+    chosen = choose_frames(scan, 20)
     starts = space_evenly(max(1, len(scan.changes) - MOST_STEPS), PIECES)
     frames = ((f"frame {number}", frame) for number, frame in read_numbers(video, chosen))
     return len(chosen), frames, follow_points(read_frames(video), starts)

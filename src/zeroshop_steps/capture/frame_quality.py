@@ -12,9 +12,7 @@ from zeroshop_steps.runtime.files import write_json
 
 # Levels are of 255. Set by hand on the kitchen photos, DTU, DexYCB and rendered films.
 SMALL_WIDTH_PX = 320  # of grey images that are compared from frame to frame
-THUMBNAIL_PX = (64, 48)  # of images that are compared for being alike
 ALIKE_LEVELS = 4.0  # noise and compression change a thumbnail by less, another view by more
-ALIKE_PERCENTILE = 99  # of the pixels' differences, so that a few may differ
 COPY_LEVELS = 2.0  # by which a thumbnail differs at most where the photo was compressed anew, or taken anew from a tripod
 DARK_LEVEL, DARK_SHARE = 45.0, 0.5  # mean level of a dark image, and the share of such images that speaks of the light, not of them
 BLACK_LEVEL, LEAST_SEEN_SHARE = 16, 0.005  # of black cloth or a removed background, compressed; and of the image that may be seen alone
@@ -87,12 +85,13 @@ def _compute_gradient(grey: np.ndarray) -> np.ndarray:
 
 def make_thumbnail(image: np.ndarray) -> np.ndarray:
     """(48, 64) float32 grey picture of an RGB image, for comparing views."""
-    return cv2.resize(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), THUMBNAIL_PX, interpolation=cv2.INTER_AREA).astype(np.float32)
+    return cv2.resize(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (64, 48), interpolation=cv2.INTER_AREA).astype(np.float32)
 
 
 def look_alike(one: np.ndarray, other: np.ndarray) -> bool:
     """Whether two thumbnails show the same view: 99 % of their pixels differ by less than `ALIKE_LEVELS` of 255."""
-    return bool(np.percentile(np.abs(one - other), ALIKE_PERCENTILE) < ALIKE_LEVELS)
+    # Of the pixels' differences, so that a few may differ.
+    return bool(np.percentile(np.abs(one - other), 99) < ALIKE_LEVELS)
 
 
 def is_copy(one: np.ndarray, other: np.ndarray) -> bool:

@@ -15,9 +15,7 @@ from zeroshop_steps.join.object_matches import PointPairs
 from zeroshop_steps.join.ways import Way
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 
-LOSS_PX = 1.0  # per 1000 px of the image, of the robust loss
 NEAR_PX = 4.0  # a pair supports the refined way if the median of its errors is smaller
-ROUNDS = 2  # the second with the pairs that support the first
 
 
 @dataclass(frozen=True)
@@ -76,14 +74,15 @@ def refine(way: Way, pairs: PointPairs, target: pycolmap.Reconstruction, source:
 
     # At first, pairs of the way are those whose points lie near each other: nearer than the tenth of the object that views may be off.
     chosen = np.linalg.norm(transform_points(pairs.source, moved) - pairs.target, axis=1) < 0.1 * size
-    for _ in range(ROUNDS):
+    # The second round takes the pairs that support the first.
+    for _ in range(2):
         start = moved
 
         def residuals(step: np.ndarray, start: np.ndarray = start, chosen: np.ndarray = chosen) -> np.ndarray:
             forward, back = errors_px(move_similarity(start, step, centre, size))
             return np.concatenate([forward[chosen[in_target.point]].ravel(), back[chosen[in_source.point]].ravel()])
 
-        fit = least_squares(residuals, np.zeros(7), loss="soft_l1", f_scale=LOSS_PX, x_scale="jac")
+        fit = least_squares(residuals, np.zeros(7), loss="soft_l1", f_scale=1.0, x_scale="jac")
         moved = move_similarity(start, fit.x, centre, size)
         near = measure_pairs_px(moved) < NEAR_PX
         if near.sum() < len(near[chosen]) / 4:

@@ -25,7 +25,6 @@ if TYPE_CHECKING:  # PyTorch takes more than a second to import, and `register a
 FOLDER, EXTRACTOR, MATCHER = "aliked", "aliked-n16.pth", "aliked_lightglue.pth"
 CHANNELS = 128  # of a descriptor
 LIKE_COSINE = 0.7  # descriptors of one place are at least so alike; 0.8 misses neighbours that are rolled against each other
-LAYERS = 9
 
 
 @dataclass(frozen=True)
@@ -253,7 +252,7 @@ def load_matcher(path: Path) -> nn.Module:
     from kornia.feature import LightGlue
 
     nothing: Any = None  # no kind of features: nothing is downloaded
-    network: Any = LightGlue(features=nothing, input_dim=CHANNELS, n_layers=LAYERS)
+    network: Any = LightGlue(features=nothing, input_dim=CHANNELS, n_layers=9)
 
     def rename(state: dict[str, Tensor]) -> dict[str, Tensor]:
         return {"confidence_thresholds": network.confidence_thresholds, **{_rename(name): value for name, value in state.items()}}

@@ -29,7 +29,6 @@ RECTIFIED = "rect"
 """In the name of a topic whose images image_proc has undistorted, such as image_rect_color; its camera message is the same."""
 MOST_APART_NS = 20_000_000  # of the stamps of colour and depth; cameras take 30 pairs a second
 COLORS = np.array([[230, 60, 50], [50, 140, 230], [70, 190, 80], [240, 190, 40], [170, 90, 210], [40, 200, 200]], np.uint8)
-OVERLAY = 0.5  # of an object's pixels, by its colour
 LINE_LIST, TEXT = 5, 9  # kinds of visualization_msgs/Marker
 LINE_M, TEXT_M = 0.002, 0.03
 EDGES = [(a, b) for a in range(8) for b in range(a) if (a ^ b).bit_count() == 1]
@@ -172,7 +171,7 @@ def draw_overlay(photo: np.ndarray, objects: Sequence[RecognizedObject]) -> np.n
     """(height, width, 3) uint8: the photo with the masks of the objects in colours."""
     drawn = photo.astype(np.float32)
     for index, one in enumerate(objects):
-        drawn[one.mask] += OVERLAY * (COLORS[index % len(COLORS)] - drawn[one.mask])
+        drawn[one.mask] += 0.5 * (COLORS[index % len(COLORS)] - drawn[one.mask])
     return np.rint(drawn).astype(np.uint8)
 
 

@@ -31,7 +31,6 @@ TIMEOUT_S = 30.0
 """Without a byte; hosts of weights answer within a few seconds."""
 ATTEMPTS = 3
 PAUSE_S = 3.0  # before another attempt
-CHUNK_BYTES = 1 << 20  # between two steps of the progress bar
 FINAL_STATUSES = (400, 401, 403, 404, 410, 451)
 """HTTP answers that stay the same when asked again: refused, or not there."""
 
@@ -163,6 +162,6 @@ def _writing(part: Path, continued: bool) -> Iterator[Callable[[bytes], object]]
 def _read(response: http.client.HTTPResponse) -> bytes:
     """The next bytes. A broken connection becomes an HTTPException."""
     try:
-        return response.read(CHUNK_BYTES)
+        return response.read(1 << 20)
     except OSError as error:
         raise http.client.HTTPException(str(error)) from error

@@ -39,7 +39,6 @@ BRIGHT_LEVELS, HARD_BRIGHT_LEVELS = (0.62, 0.82), (0.28, 1.25)  # linear light o
 TINT_DEVIATION, HARD_TINT_DEVIATION = 0.02, 0.06  # standard deviations of the logarithm, of each colour
 BLUR_PX, HARD_BLUR_PX = (0.35, 0.6), (0.4, 1.3)
 NOISE, HARD_NOISE = 0.004, 0.018  # of linear light, beside that of a good sensor
-JPEG_QUALITY = 90
 HELD_OUT = 3  # photos for judging alone
 
 
@@ -145,7 +144,7 @@ def photograph(linear: np.ndarray, hard: bool, rng: np.random.Generator) -> np.n
 
 
 def _write_photo(path: Path, image: np.ndarray) -> None:
-    done, content = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    done, content = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 90])
     if not done:
         raise StepError(f"{path}: this OpenCV writes no JPEG; install opencv-python-headless")
     with atomic_write(path) as temporary:

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-ROUNDS = 20  # of reweighting; the point no longer moves then
 LEAST_MISS = 1e-3  # share of the usual distance to the point: rays that pass closer get no more weight, which would be infinite
 
 
@@ -18,7 +17,8 @@ def find_nearest_point(origins: np.ndarray, directions: np.ndarray) -> np.ndarra
     across = np.eye(3) - directions[:, :, None] * directions[:, None]
     weights = np.ones(len(origins))
     point = np.zeros(3)
-    for _ in range(ROUNDS):
+    # The point no longer moves after so many rounds of reweighting.
+    for _ in range(20):
         system = (across * weights[:, None, None]).sum(0)
         point = np.linalg.lstsq(system, (across @ origins[:, :, None] * weights[:, None, None]).sum(0)[:, 0], rcond=None)[0]
         miss = np.linalg.norm((across @ (point - origins)[:, :, None])[..., 0], axis=1)

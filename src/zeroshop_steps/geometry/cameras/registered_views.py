@@ -19,7 +19,6 @@ DEVIATIONS = "camera_deviation.csv"
 """Beside cameras that were estimated: how surely each is held."""
 
 CONFIDENCE = "confidence"  # the folder beside masks/; a mask without a file there is sure everywhere
-UNSURE = 0.5  # a pixel of less confidence may be the object, whatever its mask says
 
 
 @dataclass(frozen=True)
@@ -88,7 +87,7 @@ def read_views(folder: Path, images: str = "images", masks: str = "masks", spars
 
 def find_possible(mask: np.ndarray, confidence: np.ndarray | None) -> np.ndarray:
     """(height, width) bool: the pixels that may show the object, because the mask says so or is not sure."""
-    return mask if confidence is None else mask | (confidence < UNSURE)
+    return mask if confidence is None else mask | (confidence < 0.5)
 
 
 def read_passes(folder: Path) -> dict[str, int]:

@@ -20,7 +20,6 @@ from zeroshop_steps.runtime.progress import ProgressReport
 
 COARSE_STEPS, COARSE_RATE = 300, 0.07  # of Adam, and its rate at the start
 FINE_STEPS, FINE_RATE = 500, 0.01
-MOMENTA = (0.9, 0.9)  # by which Adam forgets the mean of the gradients and of their squares
 ERROR_PX = 1.0
 """From where on an error of the fine stage counts less than its square."""
 CELL_PX = 16  # the depths of a picture are bent by one factor for each square of this size
@@ -266,7 +265,7 @@ def _optimize(canonical: list[CanonicalView], matches: dict[tuple[int, int], Mat
 
 def _descend(loss: Callable[[], Tensor], parameters: Sequence[Tensor], steps: int, rate: float, report: ProgressReport) -> None:
     """Adam with a learning rate that falls to 0 along a cosine."""
-    optimizer = torch.optim.Adam(parameters, lr=rate, betas=MOMENTA)
+    optimizer = torch.optim.Adam(parameters, lr=rate, betas=(0.9, 0.9))
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     for _ in range(steps):
         optimizer.zero_grad()

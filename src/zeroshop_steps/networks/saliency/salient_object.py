@@ -41,7 +41,6 @@ ROUNDING = 0.01  # of answers that are shares: of half precision, with room; tho
 CLOSER_MARGIN = 0.15  # around the main thing, of its longer side, that is left when the network looks closer
 CLOSER_SHARE = 0.5  # of the photo: what fills more of it is not seen much finer from closer
 CLOSER_AGREES = 0.9  # overlap of the two looks: of 20 photos of a drill, 19 agree to 0.98, and of one the closer look lost a quarter
-WARNINGS = 3  # the severity from which onnxruntime speaks: errors; it warns of unused weights otherwise
 
 
 def add_network_arguments(parser: argparse.ArgumentParser, default: str | None) -> None:
@@ -90,7 +89,8 @@ class SalientObjectNetwork:
 
     def _open(self, threads: int) -> onnxruntime.InferenceSession:
         options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads, options.inter_op_num_threads, options.log_severity_level = threads, 1, WARNINGS
+        # Severity 3: errors alone; below, it warns of unused weights.
+        options.intra_op_num_threads, options.inter_op_num_threads, options.log_severity_level = threads, 1, 3
         try:
             return onnxruntime.InferenceSession(self.path, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # its errors have no common class of their own

@@ -6,7 +6,6 @@ from torch import Tensor
 
 from zeroshop_steps.networks.sam6d.points import measure_square_distances
 
-TINY_WEIGHT = 1e-5  # added to the sum of the weights of pairs
 SHARPER = 1.5  # power of the probabilities from which pairs are drawn
 NEAR = 0.15  # of the object's radius: a point that is this near to the model after the pose speaks for it
 AT_ONCE = 60  # hypotheses that are compared with the model at a time, which bounds the memory
@@ -20,7 +19,7 @@ def fit_poses(source: Tensor, target: Tensor, weights: Tensor | None = None) -> 
         weights: (B, N); all alike by default.
     """
     weights = torch.ones_like(source[..., 0]) if weights is None else weights
-    weights = (weights / (weights.sum(1, keepdim=True) + TINY_WEIGHT))[..., None]
+    weights = (weights / (weights.sum(1, keepdim=True) + 1e-5))[..., None]
     source_middle, target_middle = (source * weights).sum(1, keepdim=True), (target * weights).sum(1, keepdim=True)
     left, _, right = torch.linalg.svd((source - source_middle).transpose(1, 2) @ (weights * (target - target_middle)))
     mirrored = torch.linalg.det(right.transpose(1, 2) @ left.transpose(1, 2)).sign()

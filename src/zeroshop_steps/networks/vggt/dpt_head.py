@@ -7,7 +7,6 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 SCRATCH_HIDDEN = 32  # channels before the last convolution
-POSITION_WEIGHT = 0.1  # of the positions that are added to a map; of the published network
 
 
 class ResidualUnit(nn.Module):
@@ -117,7 +116,7 @@ class DptHead(nn.Module):
     def _placed(self, values: Tensor, aspect: float) -> Tensor:
         """Tell a map where its pixels are."""
         return (
-            values + POSITION_WEIGHT * encode_positions((values.shape[2], values.shape[3]), values.shape[1], aspect).to(values)
+            values + 0.1 * encode_positions((values.shape[2], values.shape[3]), values.shape[1], aspect).to(values)
             if self.dense
             else values
         )

@@ -15,8 +15,6 @@ LEFT, RIGHT, TOP, BOTTOM = 56, 14, 14, 44  # margins for the numbers and names o
 # Places of text beside the axes, in the chart's units, which are pixels where it is shown at full width.
 BELOW, BESIDE, DOWN = 16, 6, 4  # baselines of numbers below the x axis, left of the y axis, and down to its middle
 NAME_BELOW, NAME_LEFT = 6, 13  # baselines of the axes' names, from the lower and from the left edge
-DOT_RADIUS = 4.5  # large enough for a pointer, which asks for its name
-SERIES_STYLES = 5  # s1 to s5 in assets/report.css
 LEAST_FOR_TREND = 3  # points; two always lie on a line
 
 
@@ -92,7 +90,8 @@ def scatter(
             )
         for x, y, what in points:
             title = f"<title>{escape(what)}: {_short(x)}, {_short(y)}</title>"
-            parts.append(f'<circle class="dot {_style(k)}" cx="{axes.x(x):.1f}" cy="{axes.y(y):.1f}" r="{DOT_RADIUS}">{title}</circle>')
+            # Large enough for a pointer, which asks for its name.
+            parts.append(f'<circle class="dot {_style(k)}" cx="{axes.x(x):.1f}" cy="{axes.y(y):.1f}" r="4.5">{title}</circle>')
     return _figure(parts, list(shown), f"{y_label} over {x_label}")
 
 
@@ -130,7 +129,8 @@ def _told_apart(value: float, others: Sequence[float]) -> str:
 
 def _style(k: int) -> str:
     """The class of a series, which has a colour in the page's styles."""
-    return f"s{k % SERIES_STYLES + 1}"
+    # The classes s1 to s5 of assets/report.css.
+    return f"s{k % 5 + 1}"
 
 
 def _figure(parts: list[str], names: list[str], title: str) -> Markup:

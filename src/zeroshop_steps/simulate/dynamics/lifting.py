@@ -14,7 +14,6 @@ STAGES = ("approach", "close", "lift", "hold", "shake")
 SUCCESS = "success"
 BLOCKED_M = 0.01  # the hand is off its place by more at the end of the approach: something is in its way
 LIFTED_SHARE = 0.75  # of the way that the hand rises; an object that rises less was not lifted
-RETREAT_M = 0.25  # straight up, after the fingers have opened
 REST_M_S, MOST_REST_S, REST_STEP_S = 0.003, 3.0, 0.1  # an object slower than this is at rest; it is waited for as long
 
 
@@ -132,7 +131,8 @@ def _let_go(world: World, gripper: Gripper) -> np.ndarray:
     for name in ("left", "right"):
         world.data.actuator(name).ctrl[0] = gripper.max_opening_m / 2
     world.run(1.0)
-    world.move_hand(world.hand_target_m() + [0.0, 0.0, RETREAT_M], world.physics.lift_m_s)
+    # Straight up, after the fingers have opened.
+    world.move_hand(world.hand_target_m() + [0.0, 0.0, 0.25], world.physics.lift_m_s)
     return _wait_for_rest(world)
 
 

@@ -16,10 +16,6 @@ import numpy as np
 from zeroshop_steps.synthetic.blender.start import run, tell
 from zeroshop_steps.synthetic.blender.world import DIFFUSE_BOUNCES, GLOSSY_BOUNCES, M_A_MM, MAX_BOUNCES, build
 
-SHARP_PX = 0.01  # a filter this narrow samples the pixel's centre
-FILTER_PX = 1.5  # Blender's usual width
-NOWHERE_M = 1e6  # a depth from here on means that a ray hit nothing
-
 
 def render(bproc: ModuleType, folder: Path, threads: int) -> None:
     """Render the frames that are missing."""
@@ -41,7 +37,8 @@ def render(bproc: ModuleType, folder: Path, threads: int) -> None:
             np.savez(
                 file,
                 linear=color.astype(np.float16),
-                depth_mm=np.where(depth_m < NOWHERE_M, depth_m / M_A_MM, 0.0).astype(np.float32),
+                # Where a ray hits nothing, the depth is huge.
+                depth_mm=np.where(depth_m < 1e6, depth_m / M_A_MM, 0.0).astype(np.float32),
                 thing=thing.astype(np.uint8),
             )
             file.flush()
@@ -75,7 +72,8 @@ def _geometry(bproc: ModuleType, frame: int, files: list) -> tuple[np.ndarray, n
     """(height, width) depth in m and thing number along the ray through each pixel's centre."""
     bproc.renderer.set_denoiser(None)
     bproc.renderer.set_light_bounces(0, 0, 0, 0)
-    _show(frame, files, True, 1, SHARP_PX, 0)
+    # A filter this narrow samples the pixel's centre.
+    _show(frame, files, True, 1, 0.01, 0)
     found = bproc.renderer.render(load_keys={"depth", "segmap"}, verbose=True)
     return found["depth"][0], found["instance_segmaps"][0]
 
@@ -84,7 +82,7 @@ def _color(bproc: ModuleType, frame: int, files: list, samples: int, seed: int) 
     """(height, width, 3) denoised linear light."""
     bproc.renderer.set_denoiser("INTEL")
     bproc.renderer.set_light_bounces(DIFFUSE_BOUNCES, GLOSSY_BOUNCES, 0, MAX_BOUNCES)
-    _show(frame, files, False, samples, FILTER_PX, (1000003 * seed + frame) % 2**31)
+    _show(frame, files, False, samples, 1.5, (1000003 * seed + frame) % 2**31)
     return bproc.renderer.render(load_keys={"colors"}, verbose=True)["colors"][0]
 
 

@@ -12,7 +12,6 @@ from zeroshop_steps.synthetic.products.solids import ProfileBand, revolve
 
 RADIUS_MM = 19.0
 ROUND_Z_MM, CRIMP_Z_MM, TOP_Z_MM = 34.0, 150.0, 162.0
-CRIMP_HALF_MM = 0.7
 
 
 def toothpaste_tube() -> Product:
@@ -49,7 +48,7 @@ def _section(radius: float, z: float) -> tuple[float, float, float]:
     t = np.clip((z - ROUND_Z_MM) / (CRIMP_Z_MM - ROUND_Z_MM), 0, 1)
     if t == 0:
         return radius, radius, 2.0
-    half_x = RADIUS_MM + (CRIMP_HALF_MM - RADIUS_MM) * float(t) ** 1.15
+    half_x = RADIUS_MM + (0.7 - RADIUS_MM) * float(t) ** 1.15
     low, high = RADIUS_MM, 1.6 * RADIUS_MM
     for _ in range(50):
         half_y = (low + high) / 2

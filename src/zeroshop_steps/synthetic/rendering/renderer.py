@@ -13,7 +13,6 @@ from zeroshop_steps.synthetic.rendering.textures import LINEAR_OF_BYTE, encode_s
 from zeroshop_steps.synthetic.scenes.camera_rings import ObjectBounds
 from zeroshop_steps.synthetic.scenes.scene_meshes import SceneMesh
 
-EDGE_SAMPLES_A_SIDE = 4
 EDGE_FOOTPRINT = 0.6  # pixels that a sample at an edge takes its texture from; the sixteen of a pixel overlap
 EDGE_COSINE = 0.7  # of the angle between the normals of neighbours, below which there is an edge: 45 degrees
 EDGE_LEAP = 0.02  # of the depth, between neighbours, above which there is an edge
@@ -79,7 +78,7 @@ class SceneRenderer:
         color, part, depth, normals = self._trace(camera, pixels, 1.0)
         object_share = (part == 0).astype(np.float32)
         edges = np.flatnonzero(_find_edges(part.reshape(height, width), depth.reshape(height, width), normals.reshape(height, width, 3)))
-        count = EDGE_SAMPLES_A_SIDE
+        count = 4
         offsets = np.stack(np.meshgrid(*2 * [(np.arange(count) + 0.5) / count - 0.5]), -1).reshape(-1, 2)
         if len(edges):
             sub_color, sub_part, sub_depth, _ = self._trace(camera, (pixels[edges, None] + offsets).reshape(-1, 2), EDGE_FOOTPRINT)

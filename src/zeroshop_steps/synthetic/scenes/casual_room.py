@@ -13,8 +13,6 @@ from zeroshop_steps.synthetic.scenes.camera_rings import ObjectBounds
 from zeroshop_steps.synthetic.scenes.distractors import map_as_boxes
 from zeroshop_steps.synthetic.scenes.scene_meshes import make_noise
 
-PANORAMA_PX = (2048, 1024)
-PANORAMA_BLUR_PX = 2.0  # the room is out of focus
 WALL_CELL_MM = 400.0  # of the wall's mesh: the light is baked on a lattice in each triangle
 LAMP_HALF_SIDE_MM, LAMP_DISTANCE_MM, LAMP_ELEVATION_DEG = 35.0, (550.0, 900.0), (30.0, 60.0)
 LAMP_LEVEL, LAMP_SKY = 0.75, 0.17  # of white that faces the lamp, and of the light from all around beside it
@@ -53,7 +51,7 @@ def choose_color(rng: np.random.Generator, darkest: float = 30.0, brightest: flo
 
 def make_panorama(rng: np.random.Generator) -> Panorama:
     """A room: walls, a floor, a window, shelves with books, pictures and furniture, all drawn and out of focus."""
-    width, height = PANORAMA_PX
+    width, height = (2048, 1024)
     wall, floor = choose_color(rng, 130, 225, 0.08), rng.uniform(60, 150) * np.array([1.0, 0.85, 0.7])
     image = np.empty((height, width, 3), np.float32)
     skirting = int(height * rng.uniform(0.56, 0.64))
@@ -76,7 +74,7 @@ def make_panorama(rng: np.random.Generator) -> Panorama:
             wide, tall = int(rng.integers(90, 320)), int(rng.integers(60, 260))
             _box(image, left, skirting + 30 - tall, wide, tall, choose_color(rng))
             _box(image, left + wide // 6, skirting + 30 - tall + 10, wide // 3, max(tall // 3, 4), choose_color(rng))
-    image = np.asarray(cv2.GaussianBlur(image, (0, 0), PANORAMA_BLUR_PX, borderType=cv2.BORDER_REPLICATE), np.float32)
+    image = np.asarray(cv2.GaussianBlur(image, (0, 0), 2.0, borderType=cv2.BORDER_REPLICATE), np.float32)
     return Panorama(LINEAR_OF_BYTE[np.rint(np.clip(image, 0, 255)).astype(np.uint8)])
 
 

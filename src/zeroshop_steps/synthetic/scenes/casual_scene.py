@@ -37,11 +37,6 @@ PAPERS = {"newspaper": make_newspaper, "sheet": make_sheet}
 TABLE_SIZE_MM = 150.0  # the table is laid out for an object of at least this size
 THINGS, CROWD = (1, 4), (4, 7)  # how many other things there are, and where it is crowded
 GAPS_MM, CROWD_GAPS_MM = (45.0, 220.0), (10.0, 90.0)  # between the object and another thing
-ATTEMPTS = 200  # to find a place for one; without a place it is left out
-WALL_GAP_MM = (15.0, 130.0)
-BEHIND_MM = 700.0  # from the object to the large boxes behind it
-MIRROR = 0.06
-GLOSS = 0.07  # reflectance of a glossy object at normal incidence
 FULL_ROUND_DEG = 360.0
 
 
@@ -118,7 +113,7 @@ def lay_scene(mesh: Mesh, bounds: ObjectBounds, style: Style, cameras: Sequence[
     reach_mm = float(np.linalg.norm((mesh.vertices - bounds.centre_mm)[:, :2], axis=1).max())
     others: list[Mesh] = []
     walled = "wall" in style.hard
-    wall_mm = reach_mm + rng.uniform(*WALL_GAP_MM)
+    wall_mm = reach_mm + rng.uniform(15.0, 130.0)
     if walled:
         others.append(make_wall(wide, front + np.pi + rng.normal(0, 0.12), wall_mm, rng))
     room_mm = wall_mm if walled else np.inf
@@ -131,8 +126,9 @@ def lay_scene(mesh: Mesh, bounds: ObjectBounds, style: Style, cameras: Sequence[
         _make_ground(mesh, wide, style, rng),
         make_panorama(rng),
         light_by(style.light, wide, light_azimuth, rng),
-        MIRROR if "glossy_table" in style.hard else 0.0,
-        GLOSS if "glossy_object" in style.hard else 0.0,
+        0.06 if "glossy_table" in style.hard else 0.0,
+        # The reflectance of a glossy object at normal incidence.
+        0.07 if "glossy_object" in style.hard else 0.0,
         int(rng.integers(2**31)),
     )
 
@@ -177,15 +173,14 @@ def _scatter(
         big = number >= count
         other = _choose_thing(rng)
         body = make_body(other.vertices)
-        for _ in range(ATTEMPTS):
+        # Without a place it is left out.
+        for _ in range(200):
             pose = choose_rest(body, rng)
             if big:
                 pose[:3] *= rng.uniform(1.8, 3.5)
             turned = body.hull @ pose[:3, :3].T
             own_mm = float(np.linalg.norm(turned[:, :2], axis=1).max())
-            away_mm = (
-                BEHIND_MM * rng.uniform(0.6, 1.0) if big else reach_mm + own_mm + rng.uniform(*(CROWD_GAPS_MM if crowded else GAPS_MM))
-            )
+            away_mm = 700.0 * rng.uniform(0.6, 1.0) if big else reach_mm + own_mm + rng.uniform(*(CROWD_GAPS_MM if crowded else GAPS_MM))
             azimuth = front + np.pi + rng.normal(0, 0.6) if big else rng.uniform(0, 2 * np.pi)
             offset = away_mm * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
             pose[:3, 3] += foot + offset

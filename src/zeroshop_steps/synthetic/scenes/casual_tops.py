@@ -10,9 +10,7 @@ from zeroshop_steps.synthetic.scenes.scene_meshes import make_noise, make_rich_t
 TEXELS = 4096
 WOODS = ((196, 158, 112), (164, 116, 74), (112, 74, 46), (214, 184, 142))  # oak, cherry, walnut, pine
 RINGS, RING_CONTRAST, RING_WARP = 34.0, 0.22, 2.2  # growth rings across the table, how dark they are, and how far they wander
-PORES_LONGER = 40  # pores are this many times longer than wide
 PLANKS = 5
-CHECKS = 26  # of a cloth, along its side
 WORDS = (
     "the",
     "of",
@@ -44,7 +42,7 @@ def make_desk(rng: np.random.Generator) -> np.ndarray:
     edges = np.linspace(0, side, PLANKS + 1).astype(int)
     for low, high in zip(edges[:-1], edges[1:], strict=True):
         warp = cv2.resize(make_noise(rng, 256, 4, 64)[:, :32], (side, high - low), interpolation=cv2.INTER_CUBIC)
-        pores = cv2.resize(make_noise(rng, 2048, 64, 2048, 0.95)[: high - low, : 2048 // PORES_LONGER], (side, high - low))
+        pores = cv2.resize(make_noise(rng, 2048, 64, 2048, 0.95)[: high - low, : 2048 // 40], (side, high - low))
         across = np.linspace(0, 1, high - low, dtype=np.float32)[:, None] + rng.uniform()
         phase = (across / PLANKS * RINGS + RING_WARP * warp) % 1.0
         light = 1.0 + RING_CONTRAST * (0.5 - phase**3) + 0.5 * (pores - 0.5) + rng.normal(0, 0.05)
@@ -68,7 +66,7 @@ def make_cloth(rng: np.random.Generator) -> np.ndarray:
     """A checked table cloth with threads."""
     base = rng.uniform(190, 240) * rng.uniform(0.94, 1.0, 3)
     check = rng.uniform(60, 180) * rng.uniform(0.6, 1.3, 3)
-    stripes = (np.arange(TEXELS) * CHECKS // TEXELS % 2).astype(np.float32)
+    stripes = (np.arange(TEXELS) * 26 // TEXELS % 2).astype(np.float32)
     share = (stripes[:, None] + stripes[None, :]) / 2
     threads = 1.0 + 0.12 * (rng.random((TEXELS, TEXELS), np.float32) - 0.5) + 0.08 * (make_noise(rng, TEXELS, 8, 512) - 0.5)
     return np.rint(np.clip((base + share[..., None] * (check - base)) * threads[..., None], 0, 250)).astype(np.uint8)

@@ -14,7 +14,6 @@ from zeroshop_steps.geometry.support.placements import outermost_points
 from zeroshop_steps.runtime.errors import StepError
 
 # How things lie on a table is a choice, not a measurement: close together, so that they hide one another in part.
-UPRIGHT_SHARE = 0.5  # of the bodies that can stand
 GAP_MM = 3.0  # between convex hulls, at least
 FIRST_RADIUS_MM, RADIUS_STEP_MM, ATTEMPTS = 30.0, 1.5, 600  # of the disk in which a place is drawn; it grows with each attempt
 DROP_RADIUS_MM, DROP_STEP_MM = 110.0, 10.0  # of the disk that things fall in, and by which one is raised until it touches none
@@ -48,7 +47,7 @@ def make_body(vertices: np.ndarray) -> RigidBody:
 def choose_rest(body: RigidBody, rng: np.random.Generator) -> np.ndarray:
     """(4, 4) table_from_model: at rest above the origin, turned at random about z; half of those that can stand upright do."""
     upright = np.flatnonzero(body.rests[:, 2, 2] > 0.999)
-    if len(upright) and rng.uniform() < UPRIGHT_SHARE:
+    if len(upright) and rng.uniform() < 0.5:
         rest = upright[body.likely[upright].argmax()]
     else:
         rest = rng.choice(len(body.rests), p=body.likely / body.likely.sum())

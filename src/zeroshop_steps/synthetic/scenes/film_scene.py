@@ -24,7 +24,6 @@ LEAST_GAP_MM, GAP_BETWEEN_MM = 50.0, 12.0  # from the object to a distractor, an
 CLEAR_VIEW_DEG = 22.0
 """Seen from this high or higher, nothing hides the object."""
 SPREAD_MM = 260.0  # how much farther than that a distractor may lie
-ATTEMPTS = 400  # to find a place for one; without a place it is left out
 BOARD_GAP_MM = 30.0  # from the object to the board's squares
 LEAST_LARGEST_MM = 150.0  # the table is laid out for an object of at least this size
 SCENE = "su_h"
@@ -73,7 +72,8 @@ def scatter_distractors(mesh: Mesh, bounds: ObjectBounds, board_pose: np.ndarray
     for _ in range(count):
         other = make_distractor(rng)
         body = make_body(other.vertices)
-        for _ in range(ATTEMPTS):
+        # Without a place it is left out.
+        for _ in range(400):
             pose = _choose_pose(body, foot, reach_mm, rng)
             shape = manifold3d.Manifold.hull_points(transform_points(body.hull, pose))
             tall_mm = float((body.vertices @ pose[2, :3] + pose[2, 3]).max() - foot[2])

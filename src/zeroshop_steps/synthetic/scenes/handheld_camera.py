@@ -24,7 +24,6 @@ WANDER_HZ, TREMOR_HZ = (0.05, 0.35), (1.5, 6.0)
 SINES = 4  # whose sum is each component of the noise
 # Standard deviations of the hand's way; distance and aim are shares of the distance.
 ELEVATION_WANDER_DEG, ROLL_WANDER_DEG, DISTANCE_WANDER, AIM_WANDER = 2.5, 2.0, 0.06, 0.035
-TREMOR_DEG = 0.22  # about each axis
 
 
 class SmoothNoise:
@@ -77,5 +76,5 @@ class HandheldCamera:
         pose = look_at(self._bounds.centre_mm + distance_mm * direction, aim)
         turn = np.eye(4)
         roll = Rotation.from_euler("z", ROLL_WANDER_DEG * way[5], degrees=True)
-        turn[:3, :3] = (roll * Rotation.from_rotvec(np.radians(TREMOR_DEG) * self._tremor.sample_at(time_s))).as_matrix()
+        turn[:3, :3] = (roll * Rotation.from_rotvec(np.radians(0.22) * self._tremor.sample_at(time_s))).as_matrix()
         return Camera(name, self.lens.width_px, self.lens.height_px, self.lens.intrinsics, turn @ pose)

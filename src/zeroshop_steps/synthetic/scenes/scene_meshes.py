@@ -15,7 +15,6 @@ SCENES = ("su_l", "su_h", "se")
 SURFACE_SIDE_IN_SIZES = 10.0  # in the largest side of the object
 SURFACE_TEXELS = 4096  # a side of the rich texture; the plain one has half
 SURFACE_BUMPS = 96  # cells a side of the plain ground, which is slightly uneven
-BUMP_HEIGHT_IN_SIZES = 0.003
 PLAIN_GREY, PLAIN_CHANGE = 150.0, 7.0  # of 255, and from its darkest to its brightest texel
 RICH_SHAPES = ((0.05, 130), (0.025, 500), (0.012, 2000), (0.006, 7000), (0.003, 20000))
 """Of the rich texture: size as a share of its side, and how many. At half the size there are about four times as many, so that each
@@ -79,7 +78,7 @@ def make_surface_mesh(
     x, y = np.meshgrid(grid * half_mm + bounds.centre_mm[0], grid * half_mm + bounds.centre_mm[1])
     depth_mm = np.zeros_like(x)
     if scene == "su_l":
-        depth_mm = make_noise(rng, cells + 1, 8, 32) * BUMP_HEIGHT_IN_SIZES * bounds.largest_mm
+        depth_mm = make_noise(rng, cells + 1, 8, 32) * 0.003 * bounds.largest_mm
     vertices = np.stack([x, y, bounds.bottom_mm - depth_mm], -1).reshape(-1, 3)
     corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).reshape(-1)
     right, up, both = corner + 1, corner + cells + 1, corner + cells + 2

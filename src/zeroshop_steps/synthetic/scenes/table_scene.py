@@ -27,7 +27,6 @@ DISTANCES = (0.7, 1.0)  # 1 where the clutter's radius fills half of the image's
 LIGHT_CHANGES, TINTS = (0.25, 1.75), (0.9, 1.1)  # factors of each light, and of each colour of a photo
 BRIGHT_LEVELS = (0.55, 0.85)  # linear light of the 90th percentile of a photo
 AIM_DEVIATION = 0.08  # of what a camera aims at, in radii of the clutter
-ROLL_DEVIATION_DEG = 4.0
 PRINCIPAL_POINT = (0.489, 0.503)  # in widths and heights of the image, a little off its middle as in real cameras
 
 
@@ -102,7 +101,7 @@ class TableScene:
         direction = direction_at(azimuth, elevation)
         target = self._middle + rng.normal(0, AIM_DEVIATION * self._radius_mm, 3)
         roll = np.eye(4)
-        angle = rng.normal(0, np.radians(ROLL_DEVIATION_DEG))
+        angle = rng.normal(0, np.radians(4.0))
         roll[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
         intrinsics = np.array([[focal_px, 0, width_px * PRINCIPAL_POINT[0]], [0, focal_px, height_px * PRINCIPAL_POINT[1]], [0, 0, 1]])
         return Camera(name, width_px, height_px, intrinsics, roll @ look_at(target + distance_mm * direction, target))

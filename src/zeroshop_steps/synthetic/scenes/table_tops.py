@@ -9,7 +9,6 @@ import numpy as np
 from zeroshop_steps.synthetic.scenes.scene_meshes import make_noise, make_rich_texture
 
 TEXELS = 2048
-GRAIN_STRETCH = 24  # wood grain is this many times longer than wide
 PLANKS = 12  # across the table; a table of ten object sizes then has planks about as wide as the object
 
 
@@ -31,7 +30,7 @@ class TableTop:
 def make_wood_texture(rng: np.random.Generator) -> np.ndarray:
     """Brown planks with fine grain along x; low in contrast, and alike everywhere."""
     texels = TEXELS
-    grain = cv2.resize(make_noise(rng, texels, 16, texels // 2, 0.9)[:, : texels // GRAIN_STRETCH], (texels, texels))
+    grain = cv2.resize(make_noise(rng, texels, 16, texels // 2, 0.9)[:, : texels // 24], (texels, texels))
     planks = np.repeat(rng.normal(0, 1, PLANKS), -(-texels // PLANKS))[:texels, None]
     light = 1.0 + 0.9 * (grain - 0.5) + 0.04 * planks
     edge = np.arange(texels) % (texels / PLANKS) < texels / 700
