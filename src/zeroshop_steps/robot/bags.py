@@ -11,7 +11,7 @@ import numpy as np
 from zeroshop_steps.robot.goal_camera import read_lens
 from zeroshop_steps.robot.goals import write_pose, write_result
 from zeroshop_steps.robot.image_messages import read_color, read_depth, write_image
-from zeroshop_steps.robot.recognition import Recognition, RecognizedObject, Request
+from zeroshop_steps.robot.recognition import Recognition, RecognitionRequest, RecognizedObject
 from zeroshop_steps.robot.ros2.messages import RESULT, bag_types, blank, message_store, require_rosbags
 from zeroshop_steps.runtime.errors import StepError
 
@@ -47,7 +47,7 @@ class RecordedRequest:
 
     stamp_ns: int
     frame_id: str
-    request: Request
+    request: RecognitionRequest
 
 
 def read_requests(path: Path, rgb_topic: str, depth_topic: str, info_topic: str) -> Iterator[RecordedRequest]:
@@ -76,7 +76,9 @@ def read_requests(path: Path, rgb_topic: str, depth_topic: str, info_topic: str)
                 for color, depth in _pop_pairs(pending[rgb_topic], pending[depth_topic]):
                     photo, depth_mm = read_color(color), read_depth(depth)
                     lens = read_lens(info, photo.shape[1], photo.shape[0], RECTIFIED in rgb_topic.rpartition("/")[2])
-                    request = Request(lens.undistort(photo), None if depth_mm is None else lens.undistort(depth_mm), lens.intrinsics)
+                    request = RecognitionRequest(
+                        lens.undistort(photo), None if depth_mm is None else lens.undistort(depth_mm), lens.intrinsics
+                    )
                     yield RecordedRequest(stamp_of(color), color.header.frame_id, request)
     except (AnyReaderError, OSError, ValueError) as error:
         raise StepError(f"the bag {path} cannot be read: {error}") from None
@@ -182,7 +184,7 @@ def _make_header(recorded: RecordedRequest) -> Any:
     return header
 
 
-def _make_camera_info(request: Request, header: Any) -> Any:
+def _make_camera_info(request: RecognitionRequest, header: Any) -> Any:
     info = blank("sensor_msgs/msg/CameraInfo")
     info.header, info.distortion_model, info.d = header, "plumb_bob", np.zeros(5)
     info.height, info.width = request.photo.shape[:2]

@@ -42,7 +42,7 @@ class TopicCamera:
         return read_camera_info(self._latest, width, height)
 
 
-class GivenCamera:
+class FixedCamera:
     """A camera matrix from the command line."""
 
     def __init__(self, fx: float, fy: float, cx: float, cy: float) -> None:
@@ -60,7 +60,7 @@ def add_camera_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 @dataclass(frozen=True)
-class Lens:
+class GoalLens:
     """A camera as its message describes it.
 
     Attributes:
@@ -94,7 +94,7 @@ def read_camera_info(message: Any, width: int, height: int) -> np.ndarray:
     return lens.intrinsics
 
 
-def read_lens(message: Any, width: int, height: int, rectified: bool) -> Lens:
+def read_lens(message: Any, width: int, height: int, rectified: bool) -> GoalLens:
     """The camera of a message, of ROS 1 or ROS 2.
 
     Args:
@@ -117,10 +117,10 @@ def read_lens(message: Any, width: int, height: int, rectified: bool) -> Lens:
         )
     projection = np.array(_field(message, "p", np.zeros(12)), float).reshape(3, 4)[:, :3]
     if rectified:
-        return Lens(projection if projection[0, 0] > 0 else intrinsics, None)
+        return GoalLens(projection if projection[0, 0] > 0 else intrinsics, None)
     coefficients = np.array(_field(message, "d", ()), float)
     if not coefficients.any():
-        return Lens(intrinsics, None)
+        return GoalLens(intrinsics, None)
     model = getattr(message, "distortion_model", "") or "plumb_bob"
     if model not in MODELS or len(coefficients) not in MODELS[model] or not np.isfinite(coefficients).all():
         known = ", ".join(f"{name} ({' or '.join(map(str, counts))})" for name, counts in MODELS.items())
@@ -132,7 +132,7 @@ def read_lens(message: Any, width: int, height: int, rectified: bool) -> Lens:
     undistort = cv2.fisheye.initUndistortRectifyMap if model in FISHEYE else cv2.initUndistortRectifyMap
     columns, rows = undistort(intrinsics, coefficients, np.eye(3), *form)
     shift_px = np.hypot(columns - np.arange(width), rows - np.arange(height)[:, None]).max()
-    return Lens(intrinsics, (columns, rows) if shift_px > UNSEEN_PX else None)
+    return GoalLens(intrinsics, (columns, rows) if shift_px > UNSEEN_PX else None)
 
 
 def _field(message: Any, name: str, otherwise: Any = None) -> Any:

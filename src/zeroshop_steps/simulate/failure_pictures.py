@@ -11,11 +11,12 @@ from zeroshop_steps.geometry.cameras.viewpoints import look_at, make_intrinsics
 from zeroshop_steps.geometry.imaging.contact_sheets import GREEN, RED, write_label
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.units import MM_PER_M
 from zeroshop_steps.grasp.gripper import Gripper
 from zeroshop_steps.simulate.camera import SensedFrame
 from zeroshop_steps.simulate.dynamics.lifting import Lift, Snapshot
 from zeroshop_steps.simulate.robot import Plan, Robot
-from zeroshop_steps.simulate.true_object import MM_PER_METRE, TrueObject, in_mm
+from zeroshop_steps.simulate.true_object import TrueObject, in_mm
 
 CROP_SIDE_PX, PANEL_PX = 240, 320  # of the image around the object, and of each panel
 SIDE_CENTRE_MM, SIDE_TARGET_MM, SIDE_FOCAL_PX = np.array([-330.0, -560.0, 330.0]), np.array([0.0, 0.0, 90.0]), 420.0
@@ -75,7 +76,7 @@ def draw_outline(picture: np.ndarray, mask: np.ndarray, color: tuple[int, int, i
 def _draw_world(true: TrueObject, gripper: Gripper, snapshot: Snapshot) -> np.ndarray:
     """The world from the side, shaded, at the end of a stage."""
     boxes = [
-        _box(low * MM_PER_METRE, high * MM_PER_METRE, in_mm(snapshot.world_from_gripper))
+        _box(low * MM_PER_M, high * MM_PER_M, in_mm(snapshot.world_from_gripper))
         for low, high in gripper.boxes(np.array([snapshot.opening_m]))[0]
     ]
     half = np.array([500.0, 500.0, 4.0]) / 2

@@ -28,7 +28,7 @@ from zeroshop_steps.synthetic.rendering.renderer import expose
 from zeroshop_steps.synthetic.rendering.shading import use_threads
 from zeroshop_steps.synthetic.scenes.camera_rings import SENSOR_WIDTH_MM
 from zeroshop_steps.synthetic.scenes.film_scene import BOARD_GAP_MM, FilmRenderer, FilmTable, lay_table
-from zeroshop_steps.synthetic.scenes.handheld_camera import DURATION_S, FOCAL_IN_WIDTHS, HandheldCamera, Lens, SmoothNoise
+from zeroshop_steps.synthetic.scenes.handheld_camera import DURATION_S, FOCAL_IN_WIDTHS, FilmLens, HandheldCamera, SmoothNoise
 from zeroshop_steps.synthetic.scenes.table_tops import TABLE_TOPS
 
 CACHED = Cached(inputs=("model",), ignored=("threads",))
@@ -73,7 +73,7 @@ def render_film(
     mesh, bounds, info = virtual_capture.read_object(model, *size_px, seed)
     rng = np.random.default_rng([seed, *np.frombuffer(str(info.get("name", "")).encode(), np.uint8)])
     table = lay_table(mesh, bounds, seed, rng, top)
-    lens = Lens(*size_px)
+    lens = FilmLens(*size_px)
     hand = HandheldCamera(bounds, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))), lens, rng)
     drift = SmoothNoise(rng, DRIFT_HZ, 4)
     with atomic_directory(out) as folder:
@@ -114,7 +114,7 @@ def _count_steps(hand: HandheldCamera, time_s: float, points_mm: np.ndarray) -> 
 
 
 @contextlib.contextmanager
-def _open_video(path: Path, lens: Lens, frames_a_second: float) -> Iterator[cv2.VideoWriter]:
+def _open_video(path: Path, lens: FilmLens, frames_a_second: float) -> Iterator[cv2.VideoWriter]:
     # One thread: how a frame is cut into slices would depend on their number.
     os.environ.setdefault("OPENCV_FFMPEG_WRITER_OPTIONS", "threads;1")
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*CODEC), frames_a_second, (lens.width_px, lens.height_px))

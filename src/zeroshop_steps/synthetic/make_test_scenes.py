@@ -17,7 +17,7 @@ import numpy as np
 from zeroshop_steps.bop.annotate import annotate
 from zeroshop_steps.bop.formats.bop_scenes import HALF_PX, Frame, Instance, write_scene
 from zeroshop_steps.bop.formats.models import list_objects, read_models
-from zeroshop_steps.bop.formats.targets import Target, write_targets
+from zeroshop_steps.bop.formats.targets import LEAST_VISIBLE_SHARE, Target, write_targets
 from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.imaging.images import write_depth_mm, write_image, write_mask
@@ -32,7 +32,6 @@ from zeroshop_steps.synthetic.scenes.table_scene import RgbdImage, TableScene
 
 OBJECTS = (5, 8)
 DISTRACTORS = (1, 3)
-LEAST_VISIBLE_SHARE = 0.1
 DEPTH_SCALE = 0.1
 
 

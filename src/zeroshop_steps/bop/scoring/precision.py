@@ -15,10 +15,9 @@ from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 from zeroshop_steps.bop.formats.detections import Detection, encode_mask, mask_to_box
-from zeroshop_steps.bop.formats.targets import Frames
+from zeroshop_steps.bop.formats.targets import LEAST_VISIBLE_SHARE, Frames
 from zeroshop_steps.runtime.errors import StepError
 
-LEAST_VISIBLE_SHARE = 0.1  # by BOP
 MEASURES = ("ap", "ap_50", "ap_75")
 
 

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 import yaml
 
-from zeroshop_steps.capture.adapters.form import Adapter, Frame, ImportedCapture, ImportOptions, read_size_px
+from zeroshop_steps.capture.adapters.form import Adapter, GivenFrame, ImportedCapture, ImportOptions, read_size_px
 from zeroshop_steps.capture.cameras_json import Lens
 from zeroshop_steps.capture.photo_files import list_photos, open_picture
 from zeroshop_steps.geometry.boards.board_files import find_dictionary, read_board
@@ -78,7 +78,7 @@ def read(folder: Path, options: ImportOptions) -> ImportedCapture:
             f"the corners of the board {options.board} miss the photos in {folder} by {error_px:.1f} px: it is another board, its lengths"
             " differ, it is not flat, or the photos were taken with several lenses"
         )
-    frames = [Frame(path, lens, poses.get(path)) for path in paths]
+    frames = [GivenFrame(path, lens, poses.get(path)) for path in paths]
     warnings = []
     if len(poses) < len(paths):
         missing = ", ".join(path.name for path in paths if path not in poses)

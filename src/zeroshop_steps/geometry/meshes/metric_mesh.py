@@ -6,10 +6,10 @@ from pathlib import Path
 
 from zeroshop_steps.geometry.meshes.mesh_files import read_mesh
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.units import M_PER_MM
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json
 
-METRES_PER_MM = 0.001
 REFUSE, MILLIMETRES = "refuse", "millimetres"
 
 
@@ -70,7 +70,7 @@ def read_metric_mesh(path: Path, unknown_scale: str = REFUSE) -> MetricMesh:
             )
         warn(f"the scale of {path} is unknown; its unit is taken for millimetres, as unknown_scale says")
         scale, source, deviation = "assumed", MILLIMETRES, 0.0
-    return MetricMesh(replace(mesh, vertices=mesh.vertices * METRES_PER_MM), scale, source, deviation, generated)
+    return MetricMesh(replace(mesh, vertices=mesh.vertices * M_PER_MM), scale, source, deviation, generated)
 
 
 def is_generated(path: Path) -> bool:

@@ -23,7 +23,7 @@ from zeroshop_steps.networks.trellis.settings import (
     StructureDecoderSettings,
     TrellisSettings,
 )
-from zeroshop_steps.networks.trellis.sparse import Pooling, Voxels
+from zeroshop_steps.networks.trellis.sparse import Pooling, SparseVoxels
 from zeroshop_steps.networks.weights import load_strictly
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
@@ -79,7 +79,7 @@ def encode_pictures(folder: Path, pictures: Sequence[np.ndarray], device: torch.
 class Sample:
     """What the flows made of one seed: surface voxels, and (N, channels) latents of them; none where nothing came out."""
 
-    voxels: Voxels
+    voxels: SparseVoxels
     latents: Tensor
 
 
@@ -166,7 +166,7 @@ class Generator:
         with ProgressReport("structure (steps)", self.settings.sampler.steps) as report:
             return follow_flow(network, noise, conditions, self.settings.sampler, report.advance)
 
-    def _sample_latents(self, network: nn.Module, conditions: Sequence[Tensor], voxels: Voxels, random: torch.Generator) -> Tensor:
+    def _sample_latents(self, network: nn.Module, conditions: Sequence[Tensor], voxels: SparseVoxels, random: torch.Generator) -> Tensor:
         noise = torch.randn(len(voxels.coordinates), self.settings.latent_flow.channels, generator=random).to(self.device)
         pooling = Pooling.of(voxels)
 

@@ -39,7 +39,7 @@ class SmoothNoise:
 
 
 @dataclass(frozen=True)
-class Lens:
+class FilmLens:
     """Size of the film's pictures, and their pinhole."""
 
     width_px: int
@@ -54,7 +54,7 @@ class Lens:
 class HandheldCamera:
     """The way of the camera around `bounds`, in its frame (mm, z up); it begins at the object's front."""
 
-    def __init__(self, bounds: ObjectBounds, diagonal_mm: float, lens: Lens, rng: np.random.Generator) -> None:
+    def __init__(self, bounds: ObjectBounds, diagonal_mm: float, lens: FilmLens, rng: np.random.Generator) -> None:
         """`diagonal_mm` is that of the object's box."""
         self._bounds, self.lens = bounds, lens
         framed_mm = diagonal_mm * lens.intrinsics[0, 0] / (FRAMED_SHARE * lens.height_px)
