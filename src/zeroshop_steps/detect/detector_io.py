@@ -20,7 +20,6 @@ from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.partial_results import PartialResults
 from zeroshop_steps.runtime.progress import track
 
-MOST_IN_AN_IMAGE = 100  # detections; COCO's evaluation ignores further ones
 CENTRAL = (0.2, 0.8)  # shares of the image between which the principal point must lie; outside, K belongs to another image size
 
 
@@ -127,7 +126,8 @@ def run_detector(
             detections += [_from_json(frame, row) for row in kept.done[key]]
             continue
         start_s = time.monotonic()
-        found = sorted(detect(frame), key=lambda one: -one.score)[:MOST_IN_AN_IMAGE]
+        # COCO's evaluation ignores further ones.
+        found = sorted(detect(frame), key=lambda one: -one.score)[:100]
         seconds = time.monotonic() - start_s
         here = [
             Detection(frame.scene_id, frame.image_id, one.object_id, one.score, mask_to_box(one.mask), encode_mask(one.mask), seconds)

@@ -31,8 +31,6 @@ TIMEOUT_S = 30.0
 """Without a byte; hosts of weights answer within a few seconds."""
 ATTEMPTS = 3
 PAUSE_S = 3.0  # before another attempt
-FINAL_STATUSES = (400, 401, 403, 404, 410, 451)
-"""HTTP answers that stay the same when asked again: refused, or not there."""
 
 
 def download(
@@ -69,7 +67,8 @@ def download(
                     _download_once(url, path, size_bytes)
                     break
                 except (OSError, http.client.HTTPException) as error:
-                    final = isinstance(error, urllib.error.HTTPError) and error.code in FINAL_STATUSES
+                    # HTTP answers that stay the same when asked again.
+                    final = isinstance(error, urllib.error.HTTPError) and error.code in (400, 401, 403, 404, 410, 451)
                     if attempt < attempts and not final:
                         print(f"{url}: {error}; attempt {attempt} of {attempts}, trying again", file=sys.stderr)
                         time.sleep(pause_s * 2 ** (attempt - 1))

@@ -21,7 +21,6 @@ from zeroshop_steps.simulate.dynamics.physical_body import PhysicalBody, write_b
 
 CACHED = Cached(inputs=("model",))
 MASSES = Path(__file__).with_name("true_masses.csv")
-CONCAVITY = 0.05  # CoACD's default: up to which a part counts as convex
 MOST_PARTS, SEED = -1, 0  # as many parts as that takes
 
 
@@ -56,5 +55,6 @@ def make_body(mesh: Mesh, mass_kg: float, name: str) -> PhysicalBody:
     """The body of a closed model in millimetres; `name` is its file's, for messages. Raises StepError where it is open."""
     metric = Mesh(mesh.vertices * M_PER_MM, mesh.faces)
     solid = measure_solid(metric, name)
-    parts = tuple(part.vertices for part in split_convex(metric, CONCAVITY, MOST_PARTS, SEED))
+    # CoACD's default: up to which a part counts as convex.
+    parts = tuple(part.vertices for part in split_convex(metric, 0.05, MOST_PARTS, SEED))
     return PhysicalBody(parts, mass_kg, solid.centre, solid.inertia_of(mass_kg))

@@ -25,7 +25,6 @@ from zeroshop_steps.synthetic.scenes.clutter import make_body
 
 CLEAR, OVERLAPPING = "clear", "overlapping"
 LAYOUTS = "layouts.json"
-MOST_OBJECTS = 8
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,7 +49,7 @@ def run(args: argparse.Namespace) -> None:
     with atomic_directory(args.out) as folder:
         for scene_id, kind in track(enumerate(layouts, 1), "tables", len(layouts)):
             rng = np.random.default_rng([args.seed, scene_id])
-            chosen = sorted(rng.permutation(list(models))[:MOST_OBJECTS].tolist())
+            chosen = sorted(rng.permutation(list(models))[:8].tolist())
             layout = Layout([bodies[number] for number in chosen], [renderers[number] for number in chosen])
             poses = dict(enumerate(layout.draw(rng, kind == CLEAR)))
             picture = photograph([models[number].mesh for number in chosen], list(poses.values()), [args.seed, scene_id, 0])

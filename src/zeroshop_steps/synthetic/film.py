@@ -37,7 +37,6 @@ SIZE_PX = (960, 540)
 FRAMES = 64
 SHUTTER_S = 1 / 50  # open for each frame
 STEP_PX, MOST_STEPS = 2.0, 4  # the shutter's time is cut into pictures this far apart
-DRIFT_HZ = (0.02, 0.12)  # how fast the automatic exposure and white balance change
 EXPOSURE_DRIFT, TINT_DRIFT = 0.13, 0.02  # standard deviations of the logarithm
 CODEC = "mp4v"
 
@@ -75,7 +74,8 @@ def render_film(
     table = lay_table(mesh, bounds, seed, rng, top)
     lens = FilmLens(*size_px)
     hand = HandheldCamera(bounds, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))), lens, rng)
-    drift = SmoothNoise(rng, DRIFT_HZ, 4)
+    # As fast as automatic exposure and white balance change.
+    drift = SmoothNoise(rng, (0.02, 0.12), 4)
     with atomic_directory(out) as folder:
         view = FilmRenderer(table, with_object=True, with_board=board_beside)
         cameras = _record(view, hand, drift, rng, folder, frames)

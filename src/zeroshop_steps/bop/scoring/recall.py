@@ -26,7 +26,6 @@ THRESHOLDS = np.arange(0.05, 0.51, 0.05)
 THRESHOLDS_PX = np.arange(5.0, 51.0, 5.0)
 """Of MSPD in an image that is 640 px wide, as BOP defines them."""
 ERRORS = ("vsd", "mssd", "mspd")
-REFERENCE_WIDTH_PX = 640.0  # of the images that MSPD's thresholds are meant for
 
 
 @dataclass(frozen=True)
@@ -113,7 +112,8 @@ def measure_pose_errors(
         if "mspd" in kinds:
             found_px = mspd(estimated[of_object], true[of_object], intrinsics[of_object], points, model.symmetries)
             widths = np.array([_width_px(frame_of[index], width_px) for index in np.flatnonzero(of_object)])
-            errors["mspd"][of_object, 0] = found_px * REFERENCE_WIDTH_PX / widths
+            # The thresholds of MSPD are meant for images of this width.
+            errors["mspd"][of_object, 0] = found_px * 640.0 / widths
     if "vsd" in kinds:
         errors["vsd"] = _measure_vsd(pairs, estimated, true, frame_of, objects, models, delta_mm)
     return errors

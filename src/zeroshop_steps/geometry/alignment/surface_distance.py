@@ -10,7 +10,6 @@ from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 SAMPLES = 100_000  # on each surface: the error of a mean is then 0.3 % of the distances' standard deviation
 SEEN_BY = 2  # cameras, the fewest that can reconstruct a point
-RAY_SLACK = 1e-3  # share of the distance to the camera by which a sample may lie behind the first hit, for rounding
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,8 @@ def count_seeing_views(
         chosen = np.flatnonzero(inside & (np.einsum("ij,ij->i", normals, directions) < 0))
         rays = np.concatenate([np.broadcast_to(camera.centre_in_world, (len(chosen), 3)), directions[chosen]], 1)
         hit = scene.cast_rays(o3d.core.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
-        count[chosen[hit > 1.0 - RAY_SLACK]] += 1
+        # Rounding may put a sample just behind the first hit.
+        count[chosen[hit > 1.0 - 1e-3]] += 1
     return count
 
 

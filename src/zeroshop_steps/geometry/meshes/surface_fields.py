@@ -7,7 +7,6 @@ from scipy.sparse.linalg import cg
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 
 LEAST_WEIGHT = 1e-8  # below, a normalised convolution has no known value within reach
-REGULARIZATION = 1e-6  # added to the diagonal, as a share, so that parts without any known value do not make the system singular
 TOLERANCE, MOST_ITERATIONS = 1e-4, 2000  # of the conjugate gradients: relative residual to reach, and where to stop without reaching it
 
 
@@ -63,7 +62,8 @@ def fill_harmonically(values: np.ndarray, known: np.ndarray, neighbours: csr_mat
     filled = values.astype(float).copy()
     mean = values[known].mean(0) if known.any() else np.full(values.shape[1], 0.5)
     degree = np.asarray(neighbours.sum(1)).reshape(-1)
-    laplacian = (diags(degree * (1.0 + REGULARIZATION)) - neighbours).tocsr()
+    # So that parts without any known value do not make the system singular.
+    laplacian = (diags(degree * (1.0 + 1e-6)) - neighbours).tocsr()
     system = laplacian[unknown][:, unknown]
     for channel in range(values.shape[1]):
         right = -laplacian[unknown][:, known] @ (filled[known, channel] - mean[channel])

@@ -37,7 +37,6 @@ EDGE_DIAMETERS = 0.02  # such a vertex this close to the border of the mask, mea
 ALONG_DIAMETERS = 0.08  # from the vertex, one point this far towards the camera and one as far behind it are compared with the mesh
 FLAT_DIAMETERS = 0.003  # if both are this close to it, the surface continues along the line of sight and the outline measures its rim only
 VISIBLE_DIAMETERS = 0.01  # a vertex this far behind the rendered depth is still visible; outlines lie where depth changes most
-NORMAL_SMOOTHING = 3  # steps over the mesh; noisy normals would put vertices at random on outlines
 LEAST_VIEWS = 2  # photos that must see a vertex: one alone gives no depth
 
 
@@ -54,7 +53,8 @@ def classify_surface_support(mesh: Mesh, views: Sequence[View], confirmed: np.nd
         (V,) uint8 UNSEEN, ASSUMED or MEASURED.
     """
     joined, index = weld(mesh)
-    normals = smooth_normals(joined, build_neighbour_matrix(joined), NORMAL_SMOOTHING)
+    # Noisy normals would put vertices at random on outlines.
+    normals = smooth_normals(joined, build_neighbour_matrix(joined), 3)
     diameter, points, renderer = diameter_of(joined), joined.vertices, MeshRenderer(joined, device)
     outlined, confirmed_near = np.zeros(len(points), bool), np.zeros(len(points), bool)
     if len(confirmed):

@@ -32,7 +32,6 @@ TYPICAL_SHARE = 0.99
 EVERY = 7  # of the surer half of the pixels, only each so many-th takes part in the first similarity, to save time
 FOCAL_ROUNDS = 20  # of reweighting for the focal length
 LEAST_ERROR_PX = 0.1  # smaller errors weigh no more, so that no pixel decides alone
-NEAREST = 1e-3  # depth of a point before a camera at least, in units of the scene, so that its projection is finite
 COARSE_MATCHES, FINE_MATCHES = 4000, 8000
 """The most matches that take part in a stage; of more, evenly spread ones are taken."""
 
@@ -225,7 +224,8 @@ class _Scene(torch.nn.Module):
         """(M,) how far (M, 3) points are projected from where the pictures show them."""
         rotations, places, focals = self._cameras(pixels)
         seen = (rotations * (points - places)[:, :, None]).sum(1)
-        return torch.linalg.norm(seen[:, :2] / seen[:, 2:].clamp(min=NEAREST) * focals - pixels.centred + 1e-9, dim=1)
+        # Before a camera at least, in units of the scene, so that its projection is finite.
+        return torch.linalg.norm(seen[:, :2] / seen[:, 2:].clamp(min=1e-3) * focals - pixels.centred + 1e-9, dim=1)
 
     def _cameras(self, pixels: _Pixels) -> tuple[Tensor, Tensor, Tensor]:
         """(M, 3, 3) rotations, (M, 3) places and (M, 1) focal lengths of the pictures that the pixels belong to."""

@@ -35,7 +35,6 @@ USUAL_SIDE_PX = 1024  # of the image, where the file leaves it open; IS-Net and 
 # thread, and several photos are seen at once. A large input needs gigabytes for each photo: then one at a time, always by two threads.
 MOST_AT_ONCE = 4  # photos: u2netp takes 0.4 GB for each, u2net 0.6
 ONE_BY_ONE_PX = 512 * 512
-LARGE_INPUT_THREADS = 2
 CHANNELS = 3
 ROUNDING = 0.01  # of answers that are shares: of half precision, with room; those before the last sigmoid reach several units
 CLOSER_MARGIN = 0.15  # around the main thing, of its longer side, that is left when the network looks closer
@@ -83,7 +82,7 @@ class SalientObjectNetwork:
         self._size_px = width, height
         self._one_by_one = width * height > ONE_BY_ONE_PX
         if self._one_by_one:
-            self._session = self._open(LARGE_INPUT_THREADS)
+            self._session = self._open(2)
         chosen = self._choose_normalization(mean, deviation)
         self._mean, self._deviation = (np.array(values, np.float32).reshape(1, 1, CHANNELS) for values in chosen)
 

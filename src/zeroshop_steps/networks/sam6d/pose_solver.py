@@ -6,7 +6,6 @@ from torch import Tensor
 
 from zeroshop_steps.networks.sam6d.points import measure_square_distances
 
-SHARPER = 1.5  # power of the probabilities from which pairs are drawn
 NEAR = 0.15  # of the object's radius: a point that is this near to the model after the pose speaks for it
 AT_ONCE = 60  # hypotheses that are compared with the model at a time, which bounds the memory
 
@@ -57,7 +56,8 @@ def find_coarse_pose(logits: Tensor, seen: Tensor, known: Tensor, model: Tensor,
         (B, 3, 3) and (B, 3) image_from_object.
     """
     probabilities, weights = assign(logits)
-    chances = (probabilities.flatten(1) ** SHARPER).cumsum(1)
+    # A power makes likely pairs be drawn more often.
+    chances = (probabilities.flatten(1) ** 1.5).cumsum(1)
     drawn = torch.searchsorted(chances / (chances[:, -1:] + 1e-8), draws).clamp(max=chances.shape[1] - 1)
     batch, count = len(seen), draws.shape[1] // 3
     triples = [

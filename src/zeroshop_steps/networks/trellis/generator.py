@@ -30,8 +30,6 @@ from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.progress import ProgressReport
 
 SIZES_FILE = "settings.json"
-FINER = 4
-"""Cubes of the mesh along an edge of a voxel of the sparse structure."""
 PARTS: dict[str, type] = {
     "structure_flow": FlowSettings,
     "structure_decoder": StructureDecoderSettings,
@@ -157,7 +155,8 @@ class Generator:
                 self._decoder = self._read("mesh_decoder").to(self.device, torch.float32)
             features, fine = self._decoder(sample.latents, sample.voxels)
             places, values = fine.coordinates.cpu().numpy(), features.float().cpu().numpy()
-        return extract_surface(CubeFeatures.split(self.settings.mesh_decoder.resolution * FINER, places, values))
+        # Four cubes of the mesh along an edge of a voxel of the sparse grid.
+        return extract_surface(CubeFeatures.split(self.settings.mesh_decoder.resolution * 4, places, values))
 
     def _sample_structure(self, network: nn.Module, conditions: Sequence[Tensor], random: torch.Generator) -> Tensor:
         flow = self.settings.structure_flow

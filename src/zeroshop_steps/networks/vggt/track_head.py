@@ -13,7 +13,6 @@ from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.networks.vggt.update_transformer import UpdateTransformer
 
 STRIDE = 2  # pixels of the image a pixel of the feature maps
-MOTION_PX = 518  # what motions are told in shares of
 VOLUME_VALUES = 1 << 27  # correlations that are held at a time
 
 
@@ -76,7 +75,7 @@ class PointTracker(nn.Module):
         for _ in range(rounds):
             nearby = self.corr_mlp(self._correlations(pyramid, found, place))
             motion = place - place[:, :1]
-            scaled = motion / MOTION_PX
+            scaled = motion / 518
             tokens = torch.cat([encode_motion(motion, features // 2), scaled, scaled, nearby, found], dim=2) + context
             change = self.updateformer(tokens)
             found = found + self.ffeat_updater(self.ffeat_norm(change[..., 2:].flatten(0, 1))).unflatten(0, found.shape[:2])

@@ -14,7 +14,6 @@ from zeroshop_steps.synthetic.scenes.camera_rings import ObjectBounds
 SCENES = ("su_l", "su_h", "se")
 SURFACE_SIDE_IN_SIZES = 10.0  # in the largest side of the object
 SURFACE_TEXELS = 4096  # a side of the rich texture; the plain one has half
-SURFACE_BUMPS = 96  # cells a side of the plain ground, which is slightly uneven
 PLAIN_GREY, PLAIN_CHANGE = 150.0, 7.0  # of 255, and from its darkest to its brightest texel
 RICH_SHAPES = ((0.05, 130), (0.025, 500), (0.012, 2000), (0.006, 7000), (0.003, 20000))
 """Of the rich texture: size as a share of its side, and how many. At half the size there are about four times as many, so that each
@@ -72,7 +71,7 @@ def make_surface_mesh(
     if scene == "se":
         return None
     rng = np.random.default_rng([seed, SCENES.index(scene)])
-    cells = SURFACE_BUMPS if scene == "su_l" else 1
+    cells = 96 if scene == "su_l" else 1
     half_mm = SURFACE_SIDE_IN_SIZES * bounds.largest_mm / 2
     grid = np.linspace(-1.0, 1.0, cells + 1)
     x, y = np.meshgrid(grid * half_mm + bounds.centre_mm[0], grid * half_mm + bounds.centre_mm[1])
