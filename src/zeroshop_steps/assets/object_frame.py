@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.geometry.meshes.metric_mesh import read_metric_mesh
-from zeroshop_steps.geometry.units import M_PER_MM
+from zeroshop_steps.geometry.meshes.units import M_PER_MM
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 

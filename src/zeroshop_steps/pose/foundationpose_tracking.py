@@ -19,7 +19,7 @@ from zeroshop_steps.bop.formats.estimates import Estimates, write_estimates
 from zeroshop_steps.bop.formats.models import list_objects, read_models
 from zeroshop_steps.bop.formats.targets import Frames, Target, read_targets, size_finder
 from zeroshop_steps.detect.detector_io import read_depth, read_photo
-from zeroshop_steps.geometry.units import MM_PER_M
+from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.networks.devices import choose_device, run_network
 from zeroshop_steps.networks.foundationpose.model import SIZES
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, resolve_weights

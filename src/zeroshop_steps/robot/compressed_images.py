@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
-from zeroshop_steps.geometry.units import MM_PER_M
+from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.robot.rvl import decode_rvl
 from zeroshop_steps.runtime.errors import StepError
 

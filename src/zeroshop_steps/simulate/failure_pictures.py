@@ -10,8 +10,8 @@ from zeroshop_steps.geometry.cameras.transforms import transform_points
 from zeroshop_steps.geometry.cameras.viewpoints import look_at, make_intrinsics
 from zeroshop_steps.geometry.imaging.contact_sheets import GREEN, RED, write_label
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.units import MM_PER_M
 from zeroshop_steps.grasp.gripper import Gripper
 from zeroshop_steps.simulate.camera import SensedFrame
 from zeroshop_steps.simulate.dynamics.lifting import Lift, Snapshot

@@ -13,7 +13,7 @@ from zeroshop_steps.assets.convex_parts import split_convex
 from zeroshop_steps.geometry.meshes.mass_properties import measure_solid
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
-from zeroshop_steps.geometry.units import M_PER_MM
+from zeroshop_steps.geometry.meshes.units import M_PER_MM
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import read_table

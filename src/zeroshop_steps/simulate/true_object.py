@@ -9,7 +9,7 @@ from zeroshop_steps.bop.formats.symmetry import list_symmetry_transforms
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.meshes.surface_parts import with_texture
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
-from zeroshop_steps.geometry.units import MM_PER_M
+from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.simulate.dynamics.physical_body import PhysicalBody, read_body
 from zeroshop_steps.simulate.measure import pose_error_mm

@@ -16,7 +16,7 @@ from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.geometry.meshes.ply_surface import find_beside, find_textures, read_ply
 from zeroshop_steps.geometry.meshes.surface_parts import SurfacePart, join_parts, with_texture
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
-from zeroshop_steps.geometry.units import MM_PER_M
+from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.runtime.errors import StepError, warn
 
 GLTF = (".glb", ".gltf")

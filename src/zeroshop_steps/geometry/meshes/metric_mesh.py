@@ -6,7 +6,7 @@ from pathlib import Path
 
 from zeroshop_steps.geometry.meshes.mesh_files import read_mesh
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
-from zeroshop_steps.geometry.units import M_PER_MM
+from zeroshop_steps.geometry.meshes.units import M_PER_MM
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json
 

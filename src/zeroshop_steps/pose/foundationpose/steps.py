@@ -9,7 +9,7 @@ import torch
 from zeroshop_steps.bop.formats.bop_scenes import Frame
 from zeroshop_steps.bop.formats.detections import Detection
 from zeroshop_steps.bop.formats.models import ObjectModel
-from zeroshop_steps.geometry.units import MM_PER_M
+from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.networks.devices import DEVICES, choose_device, run_network
 from zeroshop_steps.pose import dataset
 from zeroshop_steps.pose.foundationpose.estimator import FoundationPoseModel, PoseEstimator

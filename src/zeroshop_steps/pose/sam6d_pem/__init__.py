@@ -20,7 +20,7 @@ from zeroshop_steps.bop.formats.models import ObjectModel
 from zeroshop_steps.detect.detector_io import warn_of_plain_models
 from zeroshop_steps.detect.templates import Templates, read_templates
 from zeroshop_steps.geometry.alignment.surface_distance import sample_surface
-from zeroshop_steps.geometry.units import MM_PER_M
+from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.networks.devices import DEVICES, MemoryNeeds, check_memory, choose_device, run_network
 from zeroshop_steps.networks.sam6d.embedding import BALL_CHANNELS, BALLS
 from zeroshop_steps.networks.sam6d.model import NAME, SIZES, KnownObject, Sam6dPem, load_sam6d_pem
