@@ -13,10 +13,10 @@ from capture_benchmark.table import HALVES
 from masked_photos import MaskedPhoto, find_rendered, pair_folders
 
 from zeroshop_steps.capture.photo_files import MAX_SIDE_PX, read_photo
-from zeroshop_steps.geometry.images import compute_overlap, read_mask
-from zeroshop_steps.networks.object_finder import keep_main_thing
-from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS, network_path
-from zeroshop_steps.networks.salient_object import SalientObjectNetwork
+from zeroshop_steps.geometry.imaging.images import compute_overlap, read_mask
+from zeroshop_steps.networks.saliency.object_finder import keep_main_thing
+from zeroshop_steps.networks.saliency.salient_networks import DEFAULT, NETWORKS, network_path
+from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.progress import track
 from zeroshop_steps.runtime.tables import write_table

@@ -5,13 +5,13 @@ import math
 import numba
 import numpy as np
 
-from zeroshop_steps.surface.svraster import project as voxels
-from zeroshop_steps.surface.svraster import rasterize as voxel_rasterize
+from zeroshop_steps.surface.rendering.tiling import TILE_PX
 from zeroshop_steps.surface.svraster import render as voxel_render
-from zeroshop_steps.surface.svraster.tiles import octant_of, ray_direction
-from zeroshop_steps.surface.tiling import TILE_PX
-from zeroshop_steps.surface.twodgs import project as surfels
+from zeroshop_steps.surface.svraster.kernels import project as voxels
+from zeroshop_steps.surface.svraster.kernels import rasterize as voxel_rasterize
+from zeroshop_steps.surface.svraster.kernels.tiles import octant_of, ray_direction
 from zeroshop_steps.surface.twodgs import render as surfel_render
+from zeroshop_steps.surface.twodgs.kernels import project as surfels
 
 LIGHT_MIN = 1e-4
 """Transmittance below which both optimizers end a pixel."""

@@ -104,7 +104,7 @@ def note_launches(actions: list[Callable[[], object]]) -> dict[str, Launch]:
 
     kernels = type(cuda.jit(lambda: None))
     with ExitStack() as stack:
-        for target in ("surface.device_arrays.is_simulated", "runtime.kernel_devices.has_cuda"):
+        for target in ("surface.rendering.device_arrays.is_simulated", "runtime.kernel_devices.has_cuda"):
             stack.enter_context(patch(f"zeroshop_steps.{target}", lambda: True))
         stack.enter_context(patch.object(kernels, "__getitem__", configure))
         stack.enter_context(patch.object(cuda, "to_device", lambda array: np.array(array).view(HostArray)))
@@ -130,8 +130,8 @@ def _train(scene: Any) -> None:
 
 
 def _search_planes() -> None:
-    from zeroshop_steps.surface.patch_cost import NEIGHBOURS
-    from zeroshop_steps.surface.patchmatch import make_patchmatch
+    from zeroshop_steps.surface.mvs.patch_cost import NEIGHBOURS
+    from zeroshop_steps.surface.mvs.patchmatch import make_patchmatch
 
     views, size = NEIGHBOURS + 1, 8
     color, masks = np.zeros((views, size, size, 3), np.float32), np.zeros((views, size, size), np.bool_)
@@ -146,13 +146,13 @@ def _search_planes() -> None:
 
 
 def _draw_mesh() -> None:
-    from zeroshop_steps.geometry.cuda_rasterization import CudaFaces
+    from zeroshop_steps.geometry.rendering.cuda_rasterization import CudaFaces
 
     CudaFaces(np.zeros((1, 3), np.int32)).draw(np.zeros((3, 2), np.float32), np.ones(3, np.float32), 0.0, (8, 8))
 
 
 def _color_texels() -> None:
-    from zeroshop_steps.finish.texel_colors import VotingView, make_texel_colors
+    from zeroshop_steps.finish.texturing.texel_colors import VotingView, make_texel_colors
 
     nothing, image = np.zeros((3, 3), np.float32), np.zeros((8, 8, 3), np.float32)
     colors = make_texel_colors("cuda", np.zeros((1, 3), np.int32), nothing[:1], np.zeros((3, 3)), 0.1)

@@ -5,7 +5,7 @@
 
 A folder has scene/ (registered photos) and reference masks of some of them in capture/truth/masks/ or reference/, named like the photos, 0
 or 255. Captures of one object are named OBJECT_NUMBER: they are left out together where the fit is judged (k-fold over objects). `cues`
-writes segment/cue_weights.json, `score` segment/score_weights.json. Give the captures of the tune half alone.
+writes segment/cues/cue_weights.json, `score` segment/quality/score_weights.json. Give the captures of the tune half alone.
 """
 
 import argparse
@@ -20,11 +20,12 @@ import numpy as np
 import torch
 from mask_samples import Truth, mislead, name_object, read_truth, sample, scale_to
 
-from zeroshop_steps.geometry.images import compute_overlap
-from zeroshop_steps.networks.salient_object import SalientObjectNetwork
-from zeroshop_steps.segment import fusion, scores
+from zeroshop_steps.geometry.imaging.images import compute_overlap
+from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
+from zeroshop_steps.segment.cues import fusion
 from zeroshop_steps.segment.finder import Hypothesis, try_support
 from zeroshop_steps.segment.objects import NothingFound
+from zeroshop_steps.segment.quality import mask_scores
 from zeroshop_steps.segment.support import propose_supports
 
 HIDDEN_UNITS, EPOCHS, BATCH, RATE, DECAY = 24, 12, 8192, 5e-3, 1e-4
@@ -117,9 +118,9 @@ def fit_score(args: argparse.Namespace) -> None:
         found = json.loads(cached.read_text())
         rows += [row | {"object": name_object(folder)} for row in found]
         print(folder.name, *(f"{row['overlap']:.2f}" for row in found), flush=True)
-    measures = [field.name for field in fields(scores.Measures)]
+    measures = [field.name for field in fields(mask_scores.Measures)]
     x = np.array([[row["measures"][name] for name in measures] for row in rows])
-    y, names = (np.array(part) for part in ([row["overlap"] >= scores.RIGHT_OVERLAP for row in rows], [row["object"] for row in rows]))
+    y, names = (np.array(part) for part in ([row["overlap"] >= mask_scores.RIGHT_OVERLAP for row in rows], [row["object"] for row in rows]))
     left_out = np.zeros(len(y))
     for name in np.unique(names):
         weights, offset = fit_logistic(x[names != name], y[names != name])
@@ -128,7 +129,7 @@ def fit_score(args: argparse.Namespace) -> None:
     print(f"{((left_out > 0) & ~y).sum()} wrong ones accepted, {((left_out <= 0) & y).sum()} right ones refused")
     weights, offset = fit_logistic(x, y)
     stored = {"weights": dict(zip(measures, np.round(weights, 4).tolist(), strict=True)), "offset": round(offset, 4)}
-    scores.WEIGHTS.write_text(json.dumps(stored) + "\n")
+    mask_scores.WEIGHTS.write_text(json.dumps(stored) + "\n")
 
 
 def fit_logistic(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:

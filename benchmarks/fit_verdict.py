@@ -21,7 +21,7 @@ from scipy.optimize import minimize
 from scipy.special import expit, xlogy
 from verdict_samples import sample
 
-from zeroshop_steps.networks.salient_object import SalientObjectNetwork
+from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.register.verification.verdict import MEASURES, MOST_DOUBT, MOST_STRENGTH, WEIGHTS
 
 MOST_MEAN, MOST_WORST = 0.01, 0.05  # errors of right cameras, of the object's diameter

@@ -10,17 +10,18 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import read_mask
-from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.networks.salient_object import SalientObjectNetwork
-from zeroshop_steps.segment import fusion, solve
-from zeroshop_steps.segment.exposure import estimate_exposure
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import View, read_views
+from zeroshop_steps.geometry.imaging.images import read_mask
+from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
+from zeroshop_steps.segment import mask_hull
+from zeroshop_steps.segment.cues import fusion
 from zeroshop_steps.segment.finder import WIDTH_PX, try_support
 from zeroshop_steps.segment.objects import NothingFound
+from zeroshop_steps.segment.outlines.windows import Window
+from zeroshop_steps.segment.photometry.exposure import estimate_exposure
 from zeroshop_steps.segment.scene import Guess, MaskScene, read_mask_scene, start_guess
 from zeroshop_steps.segment.support import propose_supports
-from zeroshop_steps.segment.windows import Window
 
 PIXELS, VIEWS = 300, 6  # of a view for each guess, half of them near the outline; and how many views are asked
 DROPPED = ((), ("network",), ("ground",))
@@ -80,7 +81,7 @@ def list_guesses(truth: Truth, network: SalientObjectNetwork) -> Iterator[tuple[
             met.append((scene, guess))
             return fusion.estimate_odds(scene, guess, without)
 
-        with mock.patch.object(solve, "estimate_odds", observe), contextlib.suppress(NothingFound):
+        with mock.patch.object(mask_hull, "estimate_odds", observe), contextlib.suppress(NothingFound):
             list(try_support(truth.scene, candidate, network))
         for scene, guess in met:
             masks = truth.masks

@@ -7,7 +7,7 @@ from capture_benchmark.inputs import find_inputs
 from capture_benchmark.table import choose_captures, read_captures
 
 from zeroshop_steps.capture.photo_files import list_photos
-from zeroshop_steps.geometry.images import list_images
+from zeroshop_steps.geometry.imaging.images import list_images
 from zeroshop_steps.runtime.errors import StepError
 
 TABLE = Path(__file__).parent / "captures/captures.csv"

@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.bop.scene import read_scene
-from zeroshop_steps.robot.camera import GivenCamera
+from zeroshop_steps.bop.formats.bop_scenes import read_scene
+from zeroshop_steps.robot.goal_camera import FixedCamera
 from zeroshop_steps.robot.image_messages import write_image
 from zeroshop_steps.robot.object_store import ObjectStore
-from zeroshop_steps.robot.recognition import Recognition, RecognizedObject, Request, make_frame
+from zeroshop_steps.robot.recognition import Recognition, RecognitionRequest, RecognizedObject, make_frame
 from zeroshop_steps.robot.recognizers import make_recognizers
 from zeroshop_steps.robot.ros1.environment import provide_ros
 from zeroshop_steps.robot.ros1.messages import ActionMessages, load_messages
@@ -43,7 +43,7 @@ class StandIn:
     def prepare(self) -> None:
         """Nothing to take."""
 
-    def recognize(self, request: Request) -> Recognition:
+    def recognize(self, request: RecognitionRequest) -> Recognition:
         """One object for each mask."""
         make_frame(request)
         objects = [RecognizedObject("mug", 1, 0.5, (0, 0, 9, 9), mask, np.eye(4), "stand-in") for mask in request.masks]
@@ -64,7 +64,7 @@ def serve(args: argparse.Namespace) -> None:
         recognizer.prepare()
     signal.signal(signal.SIGUSR1, lambda number, frame: print(tell_blocks(), flush=True))
     rospy.init_node("servers", argv=[""])
-    camera = GivenCamera(*intrinsics[[0, 1], [0, 1]], *intrinsics[:2, 2])
+    camera = FixedCamera(*intrinsics[[0, 1], [0, 1]], *intrinsics[:2, 2])
     servers = RecognitionServers(recognizers, camera, load_messages())
     rospy.spin()
     del servers

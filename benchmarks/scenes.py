@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.surface.svraster import render as voxel_render
 from zeroshop_steps.surface.svraster.octree import Octree
 from zeroshop_steps.surface.svraster.reference import render_reference as voxel_reference

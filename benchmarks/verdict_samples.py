@@ -16,9 +16,9 @@ from typing import Any
 import pycolmap
 
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.geometry.cameras import read_sparse_model, take_cameras
-from zeroshop_steps.networks.object_finder import cut_main_things
-from zeroshop_steps.networks.salient_object import SalientObjectNetwork
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model, take_cameras
+from zeroshop_steps.networks.saliency.object_finder import cut_main_things
+from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.register.colmap import ColmapOptions, match_images
 from zeroshop_steps.register.features.sift import SiftOptions, fit_to_count
 from zeroshop_steps.register.final_checks import FinalChecks

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from helpers.paths import REPOSITORY
-from zeroshop_steps.runtime.memory import keep_freed_memory
+from zeroshop_steps.runtime.compute.freed_memory import keep_freed_memory
 
 KERNELS = REPOSITORY / ".pytest_cache" / "numba"
 """Compiled kernels, in a folder for each process."""
@@ -124,9 +124,9 @@ def carton_capture(tmp_path_factory) -> Path:
 
 def _capture_carton(folder: Path) -> None:
     from helpers.coarse_ground import coarse_ground
-    from zeroshop_steps.synthetic.camera_rings import Rings
     from zeroshop_steps.synthetic.demo_objects import write_demo_object
     from zeroshop_steps.synthetic.raycast import capture
+    from zeroshop_steps.synthetic.scenes.camera_rings import Rings
 
     write_demo_object("gelatin_carton", folder / "model")
     with coarse_ground(2048):

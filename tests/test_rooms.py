@@ -3,6 +3,8 @@
 import ast
 from pathlib import Path
 
+import pytest
+
 import zeroshop_steps
 
 SOURCES = Path(zeroshop_steps.__file__).parent
@@ -33,8 +35,14 @@ ROOMS = [
 ]
 """In the order of the way of the data. `bop` holds the benchmark's formats and scores, which rendered test scenes are written in."""
 
-REGISTER = ["scene", "features", "matching", "mapping", "silhouettes", "photometry", "refinement", "submodels", "verification"]
-"""The rooms of `register`, in their order; methods, and what only they use, lie beside them and may import all."""
+ROOMS_INSIDE = {
+    "geometry": ["imaging", "cameras", "meshes", "rendering", "alignment", "observation", "support", "boards"],
+    "register": ["scene", "features", "matching", "mapping", "silhouettes", "photometry", "refinement", "submodels", "verification"],
+    "surface": ["rendering", "mvs", "training", "meshing"],
+}
+"""The rooms inside a room, in their order; methods, and what only they use, lie beside them and may import all."""
+MOST_MODULES = 16
+"""Of one folder, without __init__.py and __main__.py."""
 
 
 def imported_rooms(path: Path) -> set[str]:
@@ -58,6 +66,12 @@ def test_every_room_has_its_place() -> None:
     assert found == set(ROOMS) - {"methods", "config_manual"}
 
 
+def test_no_folder_is_crowded() -> None:
+    folders = {path.parent for path in SOURCES.rglob("*.py")}
+    modules = {folder: [path for path in folder.glob("*.py") if not path.stem.startswith("__")] for folder in folders}
+    assert not {str(folder): len(found) for folder, found in modules.items() if len(found) > MOST_MODULES}
+
+
 def test_no_import_runs_backwards() -> None:
     backwards = []
     for path in SOURCES.rglob("*.py"):
@@ -68,13 +82,14 @@ def test_no_import_runs_backwards() -> None:
     assert not backwards
 
 
-def test_no_import_within_register_runs_backwards() -> None:
+@pytest.mark.parametrize("outer", ROOMS_INSIDE)
+def test_no_import_within_a_room_runs_backwards(outer: str) -> None:
     backwards = []
-    for place, room in enumerate(REGISTER):
-        allowed = REGISTER[: place + 1]
-        files = list((SOURCES / "register" / room).glob("*.py"))
+    for place, room in enumerate(ROOMS_INSIDE[outer]):
+        allowed = ROOMS_INSIDE[outer][: place + 1]
+        files = list((SOURCES / outer / room).glob("*.py"))
         assert len(files) > 1, room
         for path in files:
-            own = [parts for parts in imported_names(path) if parts[1] == "register"]
-            backwards += [f"register/{room}/{path.name} imports {'.'.join(parts)}" for parts in own if parts[2] not in allowed]
+            own = [parts for parts in imported_names(path) if parts[1] == outer]
+            backwards += [f"{outer}/{room}/{path.name} imports {'.'.join(parts)}" for parts in own if parts[2] not in allowed]
     assert not backwards

@@ -9,11 +9,11 @@ from capture_benchmark.commands import last_line, run_step
 from capture_benchmark.rendered import render, write_model
 from capture_benchmark.table import Capture
 from zeroshop_steps.networks.aliked import FOLDER
-from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS
+from zeroshop_steps.networks.saliency.salient_networks import DEFAULT, NETWORKS
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.synthetic.casual_scene import DIFFICULTIES
 from zeroshop_steps.synthetic.film import render_film
-from zeroshop_steps.synthetic.table_tops import TABLE_TOPS
+from zeroshop_steps.synthetic.scenes.casual_scene import DIFFICULTIES
+from zeroshop_steps.synthetic.scenes.table_tops import TABLE_TOPS
 
 SEED = 0
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm")

@@ -13,7 +13,7 @@ from capture_benchmark.pictures import draw_masks
 from capture_benchmark.references import read_references
 from capture_benchmark.scores import UNEXPECTED, MaskScores, compare_masks, name_outcome
 from capture_benchmark.table import Capture
-from zeroshop_steps.geometry.images import list_images, write_image
+from zeroshop_steps.geometry.imaging.images import list_images, write_image
 from zeroshop_steps.runtime.code_version import code_version
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import read_json, write_json

@@ -17,12 +17,12 @@ from capture_benchmark.pictures import draw_masks, draw_six_sides
 from capture_benchmark.references import read_references
 from capture_benchmark.scores import UNEXPECTED, MaskScores, compare_masks, name_outcome
 from capture_benchmark.table import Capture
-from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, read_sparse_model
-from zeroshop_steps.geometry.images import compute_overlap, list_images, write_image
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.transforms import transform_camera
+from zeroshop_steps.geometry.cameras.pinhole import align_to_truth, pair_with_truth, read_sparse_model
+from zeroshop_steps.geometry.cameras.registered_views import View, read_views
+from zeroshop_steps.geometry.cameras.transforms import transform_camera
+from zeroshop_steps.geometry.imaging.images import compute_overlap, list_images, write_image
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.register.scene.record import read_registration
 from zeroshop_steps.runtime.code_version import SOURCES
 from zeroshop_steps.runtime.failures import read_failure

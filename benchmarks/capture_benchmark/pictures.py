@@ -6,12 +6,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.contact_sheets import GREEN, RED, arrange_in_rows, tile_size_px, write_label
-from zeroshop_steps.geometry.images import list_images, read_image, read_mask
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.imaging.contact_sheets import GREEN, RED, arrange_in_rows, tile_size_px, write_label
+from zeroshop_steps.geometry.imaging.images import list_images, read_image, read_mask
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 
 MOST_PHOTOS = 15  # in a picture; the worst and others evenly spread
 SIDE_PX, FOCAL_IN_SIDES, DISTANCE_IN_DIAMETERS = 320, 2.4, 2.6

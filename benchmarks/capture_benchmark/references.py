@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from capture_benchmark.table import Capture
-from zeroshop_steps.geometry.images import list_images, read_image, read_mask
+from zeroshop_steps.geometry.imaging.images import list_images, read_image, read_mask
 from zeroshop_steps.register.scene.record import find_lens, read_registration
 from zeroshop_steps.register.scene.undistortion import undistort_by_lens
 from zeroshop_steps.runtime.errors import StepError

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from capture_benchmark.table import Capture
-from zeroshop_steps.geometry.images import compute_overlap, read_mask
+from zeroshop_steps.geometry.imaging.images import compute_overlap, read_mask
 
 RIGHT_MEDIAN, RIGHT_WORST, WRONG_MEDIAN = 0.95, 0.85, 0.8  # intersections over unions
 OUTCOMES = ("right", "rightly refused", "poor", "unmeasured", "wrongly refused", "wrong", "error")

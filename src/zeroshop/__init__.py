@@ -16,7 +16,7 @@ from typing import Any
 
 from zeroshop_steps import __version__
 from zeroshop_steps.app.check import check_capture
-from zeroshop_steps.app.reconstruction import METHODS, Outcome, Request, find_outcome, make_mesh
+from zeroshop_steps.app.reconstruct_object import METHODS, Outcome, Request, find_outcome, make_mesh
 from zeroshop_steps.app.summary import find_reason
 from zeroshop_steps.runtime.errors import StepError
 
@@ -84,7 +84,7 @@ def reconstruct(
         masks: folder of masks; by default the object is found.
         method: of the surface, "2dgs" or "svraster".
         into: folder that gets results/.
-        options: `cores`, `count`, `network`, `board` and `board_photos` of `zeroshop_steps.app.reconstruction.Request`.
+        options: `cores`, `count`, `network`, `board` and `board_photos` of `zeroshop_steps.app.reconstruct_object.Request`.
 
     Raises:
         StepError: what is given cannot be used, or no mesh could be made; says why, and what to do.

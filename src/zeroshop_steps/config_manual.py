@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from zeroshop_steps import methods
-from zeroshop_steps.runtime.settings import read_config_schema, read_yaml
+from zeroshop_steps.runtime.config_files import read_config_schema, read_yaml
 
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / "config/config.yaml"

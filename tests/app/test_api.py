@@ -3,7 +3,7 @@
 import pytest
 
 import zeroshop
-from zeroshop_steps.app import reconstruction
+from zeroshop_steps.app import reconstruct_object
 from zeroshop_steps.runtime.files import write_json
 
 
@@ -29,7 +29,7 @@ def answer(monkeypatch, done, facts=None):
             write_json((folder / target).with_suffix(".json"), facts)
         return done
 
-    monkeypatch.setattr(reconstruction, "run_workflow", run)
+    monkeypatch.setattr(reconstruct_object, "run_workflow", run)
     monkeypatch.setattr("zeroshop_steps.capture.photo_files.is_cut_out", lambda folder: False)
     return asked
 

@@ -10,7 +10,7 @@ from zeroshop_steps.app.check import check_capture
 from zeroshop_steps.app.moved_things import follow_points, judge_motion
 from zeroshop_steps.app.turning import measure_turn_deg
 from zeroshop_steps.capture.bridging import find_features
-from zeroshop_steps.geometry.viewpoints import look_at
+from zeroshop_steps.geometry.cameras.viewpoints import look_at
 
 SIZE = (480, 360)
 

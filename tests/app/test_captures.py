@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from zeroshop_steps import methods
-from zeroshop_steps.app.captures import TABLE, Capture, add_capture, make_name, read_captures
+from zeroshop_steps.app.captures_table import TABLE, Capture, add_capture, make_name, read_captures
+from zeroshop_steps.runtime.config_files import read_objects
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.settings import read_objects
 
 SCHEMA = Path(__file__).resolve().parents[2] / "workflow/schemas/objects.schema.yaml"
 

@@ -5,7 +5,7 @@ import pytest
 
 from capture.test_video import HEIGHT, WIDTH, picture
 from zeroshop_steps.app.check import check_capture
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.imaging.images import write_image
 
 
 def write_photos(folder, offsets):

@@ -12,10 +12,10 @@ import yaml
 from PIL import Image
 
 from zeroshop_steps import __version__
-from zeroshop_steps.app import reconstruction, workflow
-from zeroshop_steps.app.captures import read_captures
+from zeroshop_steps.app import reconstruct_object, workflow
+from zeroshop_steps.app.captures_table import read_captures
 from zeroshop_steps.app.command import main
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.methods import REGISTRATIONS
 from zeroshop_steps.networks import weights
 from zeroshop_steps.networks.weights import WeightsFile
@@ -138,7 +138,7 @@ def test_photos_whose_background_was_removed_are_their_own_masks(tmp_path, monke
         (tmp_path / kind).mkdir()
         for index in range(9):
             Image.fromarray(pixels).save(tmp_path / kind / f"{index}.png")
-        monkeypatch.setattr(reconstruction, "run_workflow", lambda *args: False)
+        monkeypatch.setattr(reconstruct_object, "run_workflow", lambda *args: False)
         assert main([kind]) == 1
     rows = read_captures(tmp_path)
     assert rows["cut"].masks == rows["cut"].images == str(tmp_path / "cut") and rows["whole"].masks == ""
@@ -170,7 +170,7 @@ def test_a_film_whose_cameras_are_refused_is_tried_with_more_of_its_frames(tmp_p
         args[2].write_text("error: refused\n")
         return False
 
-    monkeypatch.setattr(reconstruction, "run_workflow", fail)
+    monkeypatch.setattr(reconstruct_object, "run_workflow", fail)
     assert main(["can.mp4", *words]) == 1
     assert asked == counts and read_captures(tmp_path)["can"].picture_count == counts[-1]
 
@@ -195,7 +195,7 @@ def test_a_run_that_fails_says_why(tmp_path, monkeypatch, capsys):
 
 
 def test_masks_among_the_photos_are_taken(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(reconstruction, "run_workflow", lambda *args, **options: False)
+    monkeypatch.setattr(reconstruct_object, "run_workflow", lambda *args, **options: False)
     for number in range(3):
         write_image(tmp_path / f"cup/{number}.jpg", np.full((48, 64, 3), 90, np.uint8))
         write_image(tmp_path / f"cup/{number}_mask.png", np.zeros((48, 64), np.uint8))

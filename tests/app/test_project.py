@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from helpers.paths import REPOSITORY
-from zeroshop_steps.app import project
+from zeroshop_steps.app import project_folders
 from zeroshop_steps.app.command import main
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.runtime.errors import StepError
 
 
@@ -59,16 +59,16 @@ def test_the_wheel_plans_a_mesh_and_lays_out_a_project(installed, tmp_path):
 
 
 def test_a_clone_keeps_its_weights(monkeypatch):
-    assert project.find_project() == REPOSITORY == project.find_weights_home()
-    monkeypatch.setattr(project, "fetch_weights", lambda *_: pytest.fail("a clone downloads during its set-up alone"))
-    project.provide_weights()
+    assert project_folders.find_project() == REPOSITORY == project_folders.find_weights_home()
+    monkeypatch.setattr(project_folders, "fetch_weights", lambda *_: pytest.fail("a clone downloads during its set-up alone"))
+    project_folders.provide_weights()
 
 
 @pytest.fixture
 def cache(monkeypatch, tmp_path):
     """The user's cache of an installed package."""
-    monkeypatch.setattr(project, "PACKAGE", tmp_path / "site/zeroshop_steps")
-    monkeypatch.setattr(project, "user_cache_path", lambda name: tmp_path / "cache")
+    monkeypatch.setattr(project_folders, "PACKAGE", tmp_path / "site/zeroshop_steps")
+    monkeypatch.setattr(project_folders, "user_cache_path", lambda name: tmp_path / "cache")
     (tmp_path / "site/zeroshop_steps/project/workflow").mkdir(parents=True)
     (tmp_path / "site/zeroshop_steps/project/workflow/Snakefile").touch()
     return tmp_path / "cache"
@@ -81,12 +81,12 @@ def test_an_installed_package_downloads_weights_once_into_the_users_cache(monkey
         asked.append(name)
         path.write_text("weights")
 
-    monkeypatch.setattr(project, "fetch_weights", fetch)
-    project.provide_weights()
+    monkeypatch.setattr(project_folders, "fetch_weights", fetch)
+    project_folders.provide_weights()
     assert asked == ["saliency/u2netp.onnx", "aliked/aliked-n16.pth", "aliked/aliked_lightglue.pth"]
     assert all((cache / "resources/weights" / name).is_file() for name in asked)
     assert str(cache) in capsys.readouterr().err
-    project.provide_weights()
+    project_folders.provide_weights()
     assert len(asked) == 3 and not capsys.readouterr().err
 
 
@@ -94,16 +94,16 @@ def test_without_a_network_a_warning_says_so_and_nothing_is_left(monkeypatch, ca
     def fetch(name, path):
         raise StepError("no network.")
 
-    monkeypatch.setattr(project, "fetch_weights", fetch)
-    project.provide_weights()
+    monkeypatch.setattr(project_folders, "fetch_weights", fetch)
+    project_folders.provide_weights()
     assert "warning: no network. Without these weights, objects on plain tables are refused more often" in capsys.readouterr().err
     assert not [path for path in cache.rglob("*") if path.is_file()]
 
 
 def test_without_a_workflow_the_error_says_so(monkeypatch, tmp_path):
-    monkeypatch.setattr(project, "PACKAGE", tmp_path / "site/zeroshop_steps")
+    monkeypatch.setattr(project_folders, "PACKAGE", tmp_path / "site/zeroshop_steps")
     with pytest.raises(StepError, match="install ZeroShOP again"):
-        project.find_project()
+        project_folders.find_project()
 
 
 def test_a_project_is_not_laid_over_another(tmp_path, capsys):

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from zeroshop_steps.app import several_objects
-from zeroshop_steps.app.captures import read_captures
-from zeroshop_steps.app.reconstruction import Request
+from zeroshop_steps.app.captures_table import read_captures
+from zeroshop_steps.app.reconstruct_object import Request
 from zeroshop_steps.app.several_objects import choose_numbers, make_meshes
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
@@ -36,7 +36,7 @@ def test_each_object_has_a_row_and_a_run_of_its_own(tmp_path, monkeypatch):
         return capture.object != "shelf_2"
 
     monkeypatch.setattr(several_objects, "run_for", run)
-    monkeypatch.setattr("zeroshop_steps.app.reconstruction.provide_weights", lambda: None)
+    monkeypatch.setattr("zeroshop_steps.app.reconstruct_object.provide_weights", lambda: None)
     request = Request([tmp_path / "shelf.mp4"], into=tmp_path, network="none")
     outcomes = list(make_meshes(request, "all"))
     assert [outcome.done for outcome in outcomes] == [True, False]

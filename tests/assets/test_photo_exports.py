@@ -7,10 +7,10 @@ import pycolmap
 import pytest
 
 from helpers.faults import step
-from zeroshop_steps.geometry.images import read_image, read_mask
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.geometry.imaging.images import read_image, read_mask
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.files import write_json
 
 OBJECT_FROM_REGISTRATION = np.array([[0.0, -2, 0, 10], [2, 0, 0, -20], [0, 0, 2, 5], [0, 0, 0, 1]])

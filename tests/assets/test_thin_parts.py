@@ -11,8 +11,8 @@ import trimesh
 from zeroshop_steps.assets.body_files import Body, write_part_obj, write_textured_obj
 from zeroshop_steps.assets.convex_parts import split_convex
 from zeroshop_steps.assets.mjcf import describe_model
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.solids import measure_solid
+from zeroshop_steps.geometry.meshes.mass_properties import measure_solid
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 
 JAWS = [
     trimesh.creation.box((0.07, 0.01, 0.004)),

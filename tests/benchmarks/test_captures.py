@@ -11,7 +11,7 @@ import pytest
 
 from helpers.ball_scene import write_ball_scene
 from helpers.paths import REPOSITORY
-from zeroshop_steps.geometry.images import write_image, write_mask
+from zeroshop_steps.geometry.imaging.images import write_image, write_mask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import Failure, write_failure
 from zeroshop_steps.runtime.files import write_json

@@ -12,8 +12,8 @@ import torch
 from helpers.paths import REPOSITORY
 from helpers.small_saliency import write_network
 from helpers.small_u2net import export_small, make_small
-from zeroshop_steps.geometry.images import write_image, write_mask
-from zeroshop_steps.networks.u2net import U2Net, read_weights
+from zeroshop_steps.geometry.imaging.images import write_image, write_mask
+from zeroshop_steps.networks.saliency.u2net import U2Net, read_weights
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import read_table
 

@@ -8,14 +8,14 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.bop import align as align_method
-from zeroshop_steps.bop import similarity_icp, similarity_search
 from zeroshop_steps.bop.align import align, describe_scale
-from zeroshop_steps.bop.models import list_objects, read_models
-from zeroshop_steps.bop.symmetry import list_symmetry_transforms
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED
+from zeroshop_steps.bop.formats.models import list_objects, read_models
+from zeroshop_steps.bop.formats.symmetry import list_symmetry_transforms
+from zeroshop_steps.geometry.alignment import similarity_icp, similarity_search
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
+from zeroshop_steps.geometry.observation.support_classes import ASSUMED, MEASURED
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.failures import Failure, write_failure
 from zeroshop_steps.synthetic.demo_objects import write_demo_object

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from zeroshop_steps.bop.detections import decode_mask, read_detections
+from zeroshop_steps.bop.formats.detections import decode_mask, read_detections
 from zeroshop_steps.runtime.errors import StepError
 
 SQUARE = [[10, 20, 30, 20, 30, 40, 10, 40]]

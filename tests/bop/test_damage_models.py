@@ -6,8 +6,8 @@ from scipy.spatial import cKDTree
 
 from helpers.small_dataset import BOX, CAN, write_models
 from zeroshop_steps.bop.damage_models import open_underside, scale_mesh, scale_symmetries
-from zeroshop_steps.bop.models import read_models
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.bop.formats.models import read_models
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.cli import stage_main
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zeroshop_steps.bop.scene import read_scene
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.bop.formats.bop_scenes import read_scene
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.runtime.errors import StepError
 
 

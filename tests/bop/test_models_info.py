@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from zeroshop_steps.bop.models import list_objects, read_models
+from zeroshop_steps.bop.formats.models import list_objects, read_models
+from zeroshop_steps.bop.formats.symmetry import check_symmetries, list_symmetry_transforms
 from zeroshop_steps.bop.shape_symmetry import find_symmetries
-from zeroshop_steps.bop.symmetry import check_symmetries, list_symmetry_transforms
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 

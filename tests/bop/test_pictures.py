@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from helpers.small_dataset import true_estimates
-from zeroshop_steps.bop.detections import Detection, encode_mask, write_detections
-from zeroshop_steps.bop.estimates import write_estimates
+from zeroshop_steps.bop.formats.detections import Detection, encode_mask, write_detections
+from zeroshop_steps.bop.formats.estimates import write_estimates
 from zeroshop_steps.bop.pictures import CAPTION_PX, ESTIMATED_COLOR, TILE_PX, TRUE_COLOR
-from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.geometry.imaging.images import read_image
 from zeroshop_steps.runtime.cli import stage_main
 
 

@@ -8,13 +8,13 @@ import pytest
 from pycocotools import mask as coco_masks
 
 from helpers import bop_reference_cases as cases
-from zeroshop_steps.bop.depth_render import DepthPatch
-from zeroshop_steps.bop.detections import Detection, encode_mask, mask_to_box
-from zeroshop_steps.bop.pose_error import ModelPoints, mspd, mssd, vsd
-from zeroshop_steps.bop.precision import MEASURES, average_precision
-from zeroshop_steps.bop.recall import THRESHOLDS, PosePairs, count_found_instances
-from zeroshop_steps.bop.scene import Frame, Instance
-from zeroshop_steps.bop.symmetry import list_symmetry_transforms
+from zeroshop_steps.bop.formats.bop_scenes import Frame, Instance
+from zeroshop_steps.bop.formats.detections import Detection, encode_mask, mask_to_box
+from zeroshop_steps.bop.formats.symmetry import list_symmetry_transforms
+from zeroshop_steps.bop.scoring.depth_render import DepthPatch
+from zeroshop_steps.bop.scoring.pose_error import ModelPoints, mspd, mssd, vsd
+from zeroshop_steps.bop.scoring.precision import MEASURES, average_precision
+from zeroshop_steps.bop.scoring.recall import THRESHOLDS, PosePairs, count_found_instances
 
 REFERENCE = json.loads(Path(__file__).with_name("reference.json").read_text())
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.small_dataset import true_estimates
-from zeroshop_steps.bop.detections import Detection, _compress, decode_mask, encode_mask, read_detections, write_detections
-from zeroshop_steps.bop.estimates import HEADER, read_estimates, write_estimates
+from zeroshop_steps.bop.formats.detections import Detection, _compress, decode_mask, encode_mask, read_detections, write_detections
+from zeroshop_steps.bop.formats.estimates import HEADER, read_estimates, write_estimates
 from zeroshop_steps.runtime.errors import StepError
 
 GOOD = "1,0,1,0.9,1 0 0 0 1 0 0 0 1,10 -20 500,0.5"
@@ -87,7 +87,7 @@ def test_blocks_of_a_huge_file_join_seamlessly(tmp_path, monkeypatch):
     path = tmp_path / "poses.csv"
     rows = [f"1,{index},1,0.5,1 0 0 0 1 0 0 0 1,{index} 0 500,0.1" for index in range(2000)]
     path.write_text("\n".join([HEADER, *rows]))
-    monkeypatch.setattr("zeroshop_steps.bop.estimates.BLOCK_BYTES", 1000)
+    monkeypatch.setattr("zeroshop_steps.bop.formats.estimates.BLOCK_BYTES", 1000)
     assert read_estimates(path).image_ids.tolist() == list(range(2000))
     path.write_text("\n".join([HEADER, *rows, "broken"]))
     with pytest.raises(StepError, match="line 2002 has 1 fields"):

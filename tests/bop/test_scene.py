@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from helpers.small_dataset import BOX, CAN, HEIGHT_PX, WIDTH_PX, dataset_in
-from zeroshop_steps.bop.models import model_path, read_models
-from zeroshop_steps.bop.scene import read_scene, write_scene
-from zeroshop_steps.bop.targets import read_target_frames, read_targets
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
+from zeroshop_steps.bop.formats.bop_scenes import read_scene, write_scene
+from zeroshop_steps.bop.formats.models import model_path, read_models
+from zeroshop_steps.bop.formats.targets import read_target_frames, read_targets
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.errors import StepError
 
 

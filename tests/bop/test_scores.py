@@ -11,9 +11,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from helpers.small_dataset import BOX, CAN, true_estimates
-from zeroshop_steps.bop.detections import Detection, encode_mask, mask_to_box, read_detections, write_detections
-from zeroshop_steps.bop.estimates import write_estimates
-from zeroshop_steps.bop.precision import average_precision
+from zeroshop_steps.bop.formats.detections import Detection, encode_mask, mask_to_box, read_detections, write_detections
+from zeroshop_steps.bop.formats.estimates import write_estimates
+from zeroshop_steps.bop.scoring.precision import average_precision
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 

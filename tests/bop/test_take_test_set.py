@@ -9,9 +9,9 @@ import pytest
 
 from helpers.small_dataset import BOX, CAN, true_estimates
 from zeroshop_steps.bop import take_test_set
-from zeroshop_steps.bop.estimates import write_estimates
-from zeroshop_steps.bop.scene import read_scene
-from zeroshop_steps.bop.targets import find_targets, read_targets
+from zeroshop_steps.bop.formats.bop_scenes import read_scene
+from zeroshop_steps.bop.formats.estimates import write_estimates
+from zeroshop_steps.bop.formats.targets import find_targets, read_targets
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from helpers.given import given_cameras, small_ring
-from zeroshop_steps.capture.given_cameras import Lens, read_given_cameras
+from zeroshop_steps.capture.cameras_json import Lens, read_given_cameras
 from zeroshop_steps.capture.photos import import_photos
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 

@@ -8,10 +8,10 @@ import trimesh
 
 from helpers.paths import REPOSITORY
 from zeroshop_steps import methods
-from zeroshop_steps.geometry.images import write_image, write_mask
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.imaging.images import write_image, write_mask
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.cli import stage_main
-from zeroshop_steps.runtime.settings import read_objects
+from zeroshop_steps.runtime.config_files import read_objects
 
 SCHEMA = REPOSITORY / "workflow/schemas/objects.schema.yaml"
 

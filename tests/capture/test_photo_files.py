@@ -11,7 +11,7 @@ from PIL.TiffImagePlugin import IFDRational
 from helpers.shoot import HEIGHT, WIDTH
 from zeroshop_steps.capture.photo_files import is_cut_out, read_photo, write_upright
 from zeroshop_steps.capture.photos import import_photos
-from zeroshop_steps.geometry.images import read_image, read_mask
+from zeroshop_steps.geometry.imaging.images import read_image, read_mask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 

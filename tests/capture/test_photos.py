@@ -6,9 +6,9 @@ import pytest
 from PIL import Image
 
 from helpers.shoot import HEIGHT, WIDTH, Shoot
-from zeroshop_steps.capture.frames import is_copy, make_thumbnail
+from zeroshop_steps.capture.frame_quality import is_copy, make_thumbnail
 from zeroshop_steps.capture.photos import import_photos
-from zeroshop_steps.geometry.images import read_image, read_mask, write_image, write_mask
+from zeroshop_steps.geometry.imaging.images import read_image, read_mask, write_image, write_mask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 

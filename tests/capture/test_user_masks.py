@@ -6,11 +6,11 @@ import pytest
 from PIL import Image
 
 from helpers.shoot import HEIGHT, WIDTH, Shoot
-from zeroshop_steps.capture.frames import collect_image_warnings, measure_level
+from zeroshop_steps.capture.frame_quality import collect_image_warnings, measure_level
 from zeroshop_steps.capture.mask_names import find_masks, split_masks
 from zeroshop_steps.capture.photo_files import is_cut_out
 from zeroshop_steps.capture.photos import import_photos
-from zeroshop_steps.geometry.images import compute_overlap, read_mask, write_mask
+from zeroshop_steps.geometry.imaging.images import compute_overlap, read_mask, write_mask
 
 DAVIS = [0, 0, 0, 128, 0, 0, 0, 128, 0, 128, 128, 0]
 

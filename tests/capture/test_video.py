@@ -10,7 +10,7 @@ import pytest
 
 from zeroshop_steps.capture import video
 from zeroshop_steps.capture.video import choose_frames, extract_frames, read_frames, scan_video
-from zeroshop_steps.geometry.images import list_images, read_image
+from zeroshop_steps.geometry.imaging.images import list_images, read_image
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 

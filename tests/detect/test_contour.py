@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from helpers.painted_scene import CAN, CARTON, detect
-from zeroshop_steps.bop.detections import decode_mask, read_detections
+from zeroshop_steps.bop.formats.detections import decode_mask, read_detections
 from zeroshop_steps.detect.contour import discount_explained
 from zeroshop_steps.detect.contour.depth_surface import find_ground, prepare_surface
 from zeroshop_steps.detect.detector_io import ObjectMask, read_frames, run_detector, suppress_boxes, suppress_masks
-from zeroshop_steps.geometry.images import read_mask
+from zeroshop_steps.geometry.imaging.images import read_mask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.partial_results import PartialResults
 

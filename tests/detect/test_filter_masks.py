@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zeroshop_steps.bop.detections import Detection, decode_mask, encode_mask, read_detections, write_detections
+from zeroshop_steps.bop.formats.detections import Detection, decode_mask, encode_mask, read_detections, write_detections
 from zeroshop_steps.detect.filter_masks import filter_detections
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError

@@ -8,8 +8,8 @@ from helpers.painted_scene import CAN, CARTON, detect
 from helpers.paths import PARITY
 from helpers.sam6d_cases import region_case
 from helpers.true_features import TrueDescriber
-from zeroshop_steps.bop.detections import decode_mask, read_detections
-from zeroshop_steps.bop.models import read_models
+from zeroshop_steps.bop.formats.detections import decode_mask, read_detections
+from zeroshop_steps.bop.formats.models import read_models
 from zeroshop_steps.detect.detector_io import read_photo
 from zeroshop_steps.detect.sam6d_ism import ObjectViews, describe_object, find_objects
 from zeroshop_steps.detect.sam6d_ism.scores import compare_views, measure_visible_ratio, overlap_boxes, project_box, score_appearance

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.models import ObjectModel
+from zeroshop_steps.bop.formats.models import ObjectModel
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
 from zeroshop_steps.detect.templates import Templates, make_view_directions, read_templates, render_templates
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 

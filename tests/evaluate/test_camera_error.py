@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from helpers.camera_ring import ring_camera
 from zeroshop_steps.evaluate.camera_error import compare_cameras, measure_object_errors_px
-from zeroshop_steps.geometry.cameras import write_cameras
-from zeroshop_steps.geometry.crops import ObjectSphere
+from zeroshop_steps.geometry.cameras.object_crops import ObjectSphere
+from zeroshop_steps.geometry.cameras.pinhole import write_cameras
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json

@@ -7,8 +7,8 @@ import trimesh
 
 from helpers.camera_ring import ring_camera
 from zeroshop_steps.evaluate.compare_meshes import compare_registrations
-from zeroshop_steps.geometry.cameras import write_cameras
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.cameras.pinhole import write_cameras
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.cli import stage_main
 
 

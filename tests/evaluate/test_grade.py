@@ -20,12 +20,12 @@ from zeroshop_steps.evaluate.surface_measures import (
     measure_open_boundary,
     measure_roughness_deg,
 )
-from zeroshop_steps.geometry import surface_distance
-from zeroshop_steps.geometry.images import read_image, write_image, write_mask
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED, UNSEEN, with_surface_support
+from zeroshop_steps.geometry.alignment import surface_distance
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.imaging.images import read_image, write_image, write_mask
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
+from zeroshop_steps.geometry.observation.support_classes import ASSUMED, MEASURED, UNSEEN, with_surface_support
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.evaluate.mask_error import intersection_over_union, undistort_mask
-from zeroshop_steps.geometry.images import read_image, write_image, write_mask
+from zeroshop_steps.geometry.imaging.images import read_image, write_image, write_mask
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.failures import Failure, read_failure, write_failure
 from zeroshop_steps.runtime.files import write_json

@@ -7,11 +7,11 @@ from scipy.spatial.transform import Rotation
 from helpers.carton_scene import SIZE_MM
 from zeroshop_steps.evaluate import quality
 from zeroshop_steps.evaluate.quality import GroundTruth, measure_quality
-from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import read_first_cameras, read_views
-from zeroshop_steps.geometry.surface_distance import count_seeing_views, measure_surface_error
-from zeroshop_steps.geometry.transforms import transform_camera
+from zeroshop_steps.geometry.alignment.surface_distance import count_seeing_views, measure_surface_error
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
+from zeroshop_steps.geometry.cameras.registered_views import read_first_cameras, read_views
+from zeroshop_steps.geometry.cameras.transforms import transform_camera
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 

@@ -8,12 +8,12 @@ import trimesh
 
 from helpers.carton_scene import camera_at
 from zeroshop_steps.evaluate.surface_support import classify_finished_mesh
-from zeroshop_steps.geometry.images import write_mask
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED, UNSEEN, compute_area_shares, with_surface_support
-from zeroshop_steps.geometry.surface_support import classify_surface_support
+from zeroshop_steps.geometry.cameras.registered_views import View, read_views
+from zeroshop_steps.geometry.imaging.images import write_mask
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.observation.support_classes import ASSUMED, MEASURED, UNSEEN, compute_area_shares, with_surface_support
+from zeroshop_steps.geometry.observation.vertex_support import classify_surface_support
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.errors import StepError
 
 RADIUS_MM, HEIGHT_MM = 40.0, 60.0

@@ -7,9 +7,9 @@ import numpy as np
 
 from helpers.faults import Fault, step
 from helpers.painted_scene import can
-from zeroshop_steps.geometry.meshes import write_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
 from zeroshop_steps.robot.bags import RecognitionBag, RecordedRequest
-from zeroshop_steps.robot.recognition import Recognition, Request
+from zeroshop_steps.robot.recognition import Recognition, RecognitionRequest
 from zeroshop_steps.runtime.files import write_json
 
 RGB, DEPTH, INFO = "/camera/rgb/image", "/camera/depth/image", "/camera/rgb/camera_info"
@@ -26,7 +26,7 @@ def write_bag(folder: Path, depth_mm: float | None = 700.0) -> None:
     depth = None if depth_mm is None else np.full((30, 40), depth_mm, np.float32)
     intrinsics = np.array([[50.0, 0, 20], [0, 50, 15], [0, 0, 1]])
     with RecognitionBag(folder / "bag", lambda name: np.zeros((2, 3))) as bag:
-        bag.add(RecordedRequest(1, "camera", Request(np.zeros((30, 40, 3), np.uint8), depth, intrinsics)), Recognition(()))
+        bag.add(RecordedRequest(1, "camera", RecognitionRequest(np.zeros((30, 40, 3), np.uint8), depth, intrinsics)), Recognition(()))
 
 
 def with_file(name: str, content: bytes) -> Callable[[Path], int]:

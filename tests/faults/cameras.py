@@ -4,7 +4,7 @@ from pathlib import Path
 
 from helpers.camera_ring import ring_camera
 from helpers.faults import Fault
-from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model, write_cameras
 
 
 def make_cameras(folder: Path) -> Path:

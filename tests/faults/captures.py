@@ -8,7 +8,7 @@ from PIL import Image
 
 from faults.photos import HEIGHT_PX, WIDTH_PX, take_photos
 from helpers.faults import Fault, step
-from zeroshop_steps.geometry.images import read_image, write_image
+from zeroshop_steps.geometry.imaging.images import read_image, write_image
 
 ROWS, COLUMNS = np.mgrid[:HEIGHT_PX, :WIDTH_PX]
 DISK = (COLUMNS - WIDTH_PX / 2) ** 2 + (ROWS - HEIGHT_PX / 2) ** 2 < 40**2

@@ -14,8 +14,8 @@ import pytest
 import trimesh
 
 from helpers.faults import Fault, step
-from zeroshop_steps.geometry.images import write_image, write_mask
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.imaging.images import write_image, write_mask
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.files import write_json
 
 NETWORKS, ENCODER = Path("resources/weights/small-trellis"), Path("resources/weights/small-dino")

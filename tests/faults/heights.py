@@ -12,9 +12,9 @@ import numpy as np
 
 from helpers.carton_scene import Carton, photographed_carton
 from helpers.faults import Fault, step
-from zeroshop_steps.geometry.images import list_images, write_image
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.imaging.images import list_images, write_image
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.files import write_json
 
 FIRST = "000000.png"

@@ -10,8 +10,8 @@ import numpy as np
 import trimesh
 
 from helpers.faults import Fault, step
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 
 MODEL = "obj_000001.ply"
 

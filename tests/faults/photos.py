@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image
 
 from helpers.faults import Fault, step
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.imaging.images import write_image
 
 WIDTH_PX, HEIGHT_PX = 160, 120
 

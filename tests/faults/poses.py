@@ -15,7 +15,7 @@ import numpy as np
 
 from helpers.faults import Fault, step
 from helpers.small_dataset import CAN, make_dataset, true_estimates
-from zeroshop_steps.bop.estimates import Estimates, write_estimates
+from zeroshop_steps.bop.formats.estimates import Estimates, write_estimates
 
 INFO, POSES = "models/models_info.json", "poses.csv"
 

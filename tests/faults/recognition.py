@@ -71,7 +71,7 @@ def with_mask(method: str, size: tuple[int, int]) -> Callable[[Path], int]:
     """Estimate the pose of a detection whose mask has this (height, width)."""
 
     def spoil(data: Path) -> None:
-        from zeroshop_steps.bop.detections import Detection, encode_mask, write_detections
+        from zeroshop_steps.bop.formats.detections import Detection, encode_mask, write_detections
 
         write_detections(data / "found.json", [Detection(1, 0, 1, 0.7, None, encode_mask(np.ones(size, bool)))])
 
@@ -99,8 +99,8 @@ def depth_in_metres(data: Path) -> None:
 
 def mesh_in_metres(data: Path) -> None:
     """A model in metres."""
-    from zeroshop_steps.geometry.meshes import write_ply
-    from zeroshop_steps.geometry.ply_surface import read_ply
+    from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+    from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
 
     mesh = read_ply(data / "models/obj_000001.ply")
     write_ply(data / "models/obj_000001.ply", type(mesh)(mesh.vertices / 1000, mesh.faces))

@@ -7,8 +7,8 @@ import trimesh
 
 from helpers.faults import Fault, step
 from helpers.small_bodies import make_box, write_product
-from zeroshop_steps.geometry.meshes import write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
 
 
 def body_of(scale: str = "known", spoil: Callable[[Path], object] = lambda mesh: None, **options: object) -> Callable[[Path], int]:

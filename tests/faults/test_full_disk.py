@@ -12,9 +12,9 @@ import pytest
 from faults.photos import take_photos
 from helpers.camera_ring import ring_camera
 from helpers.faults import largest_file, small_disk, step
-from zeroshop_steps.geometry.cameras import write_cameras
-from zeroshop_steps.geometry.images import read_mask, write_image, write_mask
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.cameras.pinhole import write_cameras
+from zeroshop_steps.geometry.imaging.images import read_mask, write_image, write_mask
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.code_version import SOURCES
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, atomic_write, write_json

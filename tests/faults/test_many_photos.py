@@ -8,7 +8,7 @@ import pytest
 from faults.photos import take_photos
 from helpers.faults import step
 from zeroshop_steps.app.command import main
-from zeroshop_steps.geometry.images import list_images
+from zeroshop_steps.geometry.imaging.images import list_images
 
 pytestmark = [pytest.mark.faults, pytest.mark.slow]
 

@@ -10,7 +10,7 @@ import pytest
 from faults.captures import DISK
 from faults.machine import run_alone
 from faults.photos import take_photos
-from zeroshop_steps.geometry.images import list_images, write_image
+from zeroshop_steps.geometry.imaging.images import list_images, write_image
 
 
 @pytest.mark.skipif(os.geteuid() == 0 and not shutil.which("setpriv"), reason="root may write everywhere, and setpriv is not installed")

@@ -5,9 +5,9 @@ import pytest
 import trimesh
 
 from zeroshop_steps.finish.clean import clean_mesh, drop_floaters, label_parts
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 
 

@@ -8,15 +8,15 @@ import trimesh
 
 from helpers.carton_scene import camera_at
 from helpers.memory_view import MemoryView
-from zeroshop_steps.finish import watertight
-from zeroshop_steps.finish.close import Closing, close_in_space, close_mesh, fill_small_holes, find_floor
-from zeroshop_steps.finish.underside import close_underside, find_open_borders
-from zeroshop_steps.finish.watertight import GroundPlane
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.surface_distance import measure_distances
+from zeroshop_steps.finish.closing import watertight
+from zeroshop_steps.finish.closing.close import Closing, close_in_space, close_mesh, fill_small_holes, find_floor
+from zeroshop_steps.finish.closing.underside import close_underside, find_open_borders
+from zeroshop_steps.finish.closing.watertight import GroundPlane
+from zeroshop_steps.geometry.alignment.surface_distance import measure_distances
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 
 pytestmark = pytest.mark.slow
 

@@ -10,13 +10,13 @@ from zeroshop_steps.finish import export
 from zeroshop_steps.finish.frame import compute_object_frame
 from zeroshop_steps.finish.preview import draw_preview
 from zeroshop_steps.finish.publish import publish_product
-from zeroshop_steps.geometry.images import read_image, write_image
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer, sample_texture
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED
-from zeroshop_steps.geometry.transforms import transform_camera
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.cameras.transforms import transform_camera
+from zeroshop_steps.geometry.imaging.images import read_image, write_image
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.observation.support_classes import ASSUMED, MEASURED
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer, sample_texture
 from zeroshop_steps.height.object_pose import measure_above_plane
 from zeroshop_steps.height.record import Scale, describe_height
 from zeroshop_steps.runtime.errors import StepError

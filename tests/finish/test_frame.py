@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from helpers.carton_scene import SIZE_MM, camera_at
 from zeroshop_steps.finish.frame import compute_object_frame, make_frame_record
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.support_plane import SupportPlane, estimate_up_from_roll, find_background_points, fit_support_plane
-from zeroshop_steps.geometry.transforms import transform_camera
+from zeroshop_steps.geometry.cameras.registered_views import View, read_views
+from zeroshop_steps.geometry.cameras.transforms import transform_camera
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.support.ground_plane import SupportPlane, estimate_up_from_roll, find_background_points, fit_support_plane
 from zeroshop_steps.height.object_pose import measure_above_plane
 from zeroshop_steps.height.record import Scale, describe_height
 

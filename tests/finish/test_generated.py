@@ -6,17 +6,17 @@ import trimesh
 
 from helpers.carton_scene import camera_at
 from zeroshop_steps.evaluate.surface_support import drop_generated
-from zeroshop_steps.finish import watertight
-from zeroshop_steps.finish.close import close_by_generated
-from zeroshop_steps.finish.generated import propose
-from zeroshop_steps.finish.underside import drop_underside
-from zeroshop_steps.finish.watertight import GroundPlane
-from zeroshop_steps.geometry.images import write_mask
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.support_classes import MEASURED, UNSEEN
-from zeroshop_steps.geometry.surface_distance import measure_distances
+from zeroshop_steps.finish.closing import watertight
+from zeroshop_steps.finish.closing.close import close_by_generated
+from zeroshop_steps.finish.closing.generated import propose
+from zeroshop_steps.finish.closing.underside import drop_underside
+from zeroshop_steps.finish.closing.watertight import GroundPlane
+from zeroshop_steps.geometry.alignment.surface_distance import measure_distances
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.imaging.images import write_mask
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.observation.support_classes import MEASURED, UNSEEN
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.errors import StepError
 
 RADIUS_MM, HEIGHT_MM = 30.0, 45.0
@@ -85,6 +85,6 @@ def test_another_shape_and_an_unmeasured_one_are_refused(scene, monkeypatch):
     rod = trimesh.creation.box((4.0, 4.0, 300.0))
     with pytest.raises(StepError, match="it is another shape"):
         propose(measured, views, NOTHING_CONFIRMED, Mesh(np.array(rod.vertices) + [90, 0, 0], np.array(rod.faces)))
-    monkeypatch.setattr("zeroshop_steps.finish.generated.LEAST_MEASURED", 0.99)  # the lid is not
+    monkeypatch.setattr("zeroshop_steps.finish.closing.generated.LEAST_MEASURED", 0.99)  # the lid is not
     with pytest.raises(StepError, match=r"only \d+% of the surface was measured"):
         propose(measured, views, NOTHING_CONFIRMED, measured)

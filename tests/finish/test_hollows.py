@@ -19,12 +19,12 @@ from helpers.shaded_vessel import (
     photograph,
     shaded,
 )
-from zeroshop_steps.finish import hollows, vessel
-from zeroshop_steps.finish.hollows import Hollow, open_hollow
-from zeroshop_steps.finish.underside import find_open_borders
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.solids import measure_solid
-from zeroshop_steps.geometry.surface_distance import measure_distances
+from zeroshop_steps.finish.closing import hollows, vessel
+from zeroshop_steps.finish.closing.hollows import Hollow, open_hollow
+from zeroshop_steps.finish.closing.underside import find_open_borders
+from zeroshop_steps.geometry.alignment.surface_distance import measure_distances
+from zeroshop_steps.geometry.meshes.mass_properties import measure_solid
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 
 pytestmark = pytest.mark.slow
 

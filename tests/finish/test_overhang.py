@@ -6,11 +6,11 @@ import trimesh
 
 from helpers.carton_scene import camera_at
 from helpers.memory_view import MemoryView
-from zeroshop_steps.finish.close import Closing, close_mesh
-from zeroshop_steps.finish.overhang import lift_underside
-from zeroshop_steps.finish.underside import close_underside, find_open_borders
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.finish.closing.close import Closing, close_mesh
+from zeroshop_steps.finish.closing.overhang import lift_underside
+from zeroshop_steps.finish.closing.underside import close_underside, find_open_borders
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 
 UP, DOWN = np.array([0.0, 0.0, 1.0]), -0.9
 BAR_MM, RISE_MM = (120.0, 30.0, 24.0), 5.0

@@ -5,9 +5,9 @@ import pytest
 
 from helpers import few_texels
 from helpers.simulator import run_in_simulator
-from zeroshop_steps.finish.texel_colors import VotingView, make_texel_colors
+from zeroshop_steps.finish.texturing.texel_colors import VotingView, make_texel_colors
+from zeroshop_steps.runtime.compute.kernel_devices import has_cuda
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.kernel_devices import has_cuda
 
 
 def test_texels_have_the_colours_of_the_twin():
@@ -48,7 +48,7 @@ def test_a_device_gives_the_colours_that_the_cpu_gives_and_the_same_bytes_twice(
 
 
 def test_an_absent_device_is_refused(monkeypatch):
-    monkeypatch.setattr("zeroshop_steps.runtime.kernel_devices.has_cuda", lambda: False)
+    monkeypatch.setattr("zeroshop_steps.runtime.compute.kernel_devices.has_cuda", lambda: False)
     *texels, _ = few_texels.make_texels()
     with pytest.raises(StepError, match="finds no CUDA device"):
         make_texel_colors("cuda", *texels, few_texels.TOLERANCE)

@@ -5,13 +5,13 @@ import pytest
 import trimesh
 
 from helpers.carton_scene import camera_at
-from zeroshop_steps.finish.atlas import rasterize_atlas
 from zeroshop_steps.finish.texture import bake_texture, read_colored
-from zeroshop_steps.finish.unwrap import measure_atlas_use, unwrap_mesh
-from zeroshop_steps.geometry.images import read_image, write_image
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer, sample_texture
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.finish.texturing.atlas import rasterize_atlas
+from zeroshop_steps.finish.texturing.unwrap import measure_atlas_use, unwrap_mesh
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.imaging.images import read_image, write_image
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer, sample_texture
 from zeroshop_steps.runtime.errors import StepError
 
 

@@ -8,12 +8,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from helpers.carton_scene import SIZE_MM
+from zeroshop_steps.finish.closing.underside import close_underside, drop_underside, find_open_borders
 from zeroshop_steps.finish.texture import bake_texture
-from zeroshop_steps.finish.underside import close_underside, drop_underside, find_open_borders
-from zeroshop_steps.finish.unwrap import unwrap_mesh
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.geometry.surface_fields import weld
+from zeroshop_steps.finish.texturing.unwrap import unwrap_mesh
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.meshes.surface_fields import weld
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 
 UP = np.array([0.0, 0.0, 1.0])
 

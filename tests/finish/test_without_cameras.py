@@ -5,13 +5,13 @@ import pytest
 import trimesh
 
 from helpers.faults import step
-from zeroshop_steps.finish.atlas import rasterize_atlas
 from zeroshop_steps.finish.preview import TILE_PX, draw_around
 from zeroshop_steps.finish.texture import bake_colors
-from zeroshop_steps.finish.unwrap import unwrap_mesh
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.solids import count_open_edges
+from zeroshop_steps.finish.texturing.atlas import rasterize_atlas
+from zeroshop_steps.finish.texturing.unwrap import unwrap_mesh
+from zeroshop_steps.geometry.meshes.mass_properties import count_open_edges
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.files import read_json, write_json
 
 RADIUS = 20.0

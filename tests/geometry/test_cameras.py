@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from zeroshop_steps.geometry.cameras import Camera, fit_similarity, read_sparse_model, write_cameras
+from zeroshop_steps.geometry.cameras.pinhole import Camera, fit_similarity, read_sparse_model, write_cameras
 from zeroshop_steps.runtime.errors import StepError
 
 

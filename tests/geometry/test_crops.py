@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.crops import ObjectSphere, crop
+from zeroshop_steps.geometry.cameras.object_crops import ObjectSphere, crop
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 
 WIDTH, HEIGHT = 3000, 2000
 

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.mesh_files import read_mesh
-from zeroshop_steps.geometry.mesh_rendering import sample_texture
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.surface_parts import with_texture
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.mesh_files import read_mesh
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.surface_parts import with_texture
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import sample_texture
 from zeroshop_steps.runtime.errors import StepError
 
 CORNERS = [[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [10.0, 20.0, 0.0], [0.0, 20.0, 0.0]]

@@ -5,7 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zeroshop_steps.geometry.images import list_images, read_depth_mm, read_image, read_mask, write_depth_mm, write_image, write_mask
+from zeroshop_steps.geometry.imaging.images import (
+    list_images,
+    read_depth_mm,
+    read_image,
+    read_mask,
+    write_depth_mm,
+    write_image,
+    write_mask,
+)
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import is_result
 

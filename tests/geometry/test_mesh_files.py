@@ -8,8 +8,8 @@ import pytest
 import trimesh
 from PIL import Image
 
-from zeroshop_steps.geometry.mesh_files import find_mesh, read_mesh
-from zeroshop_steps.geometry.surface_parts import with_texture
+from zeroshop_steps.geometry.meshes.mesh_files import find_mesh, read_mesh
+from zeroshop_steps.geometry.meshes.surface_parts import with_texture
 from zeroshop_steps.runtime.errors import StepError
 
 BOX_MM = (60.0, 40.0, 20.0)

@@ -6,10 +6,10 @@ from scipy.spatial import Delaunay
 
 from helpers import drawn_boxes
 from helpers.simulator import run_in_simulator
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.runtime.kernel_devices import has_cuda
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
+from zeroshop_steps.runtime.compute.kernel_devices import has_cuda
 
 INSIDE_MM, BEFORE_MM, BESIDE_MM = (0.0, 0.0, 0.0), (5.0, -4.0, 260.0), (900.0, 0.0, 260.0)
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.metric_mesh import MILLIMETRES, read_metric_mesh
+from zeroshop_steps.geometry.meshes.metric_mesh import MILLIMETRES, read_metric_mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.placements import stable_placements
-from zeroshop_steps.geometry.solids import measure_solid
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.geometry.meshes.mass_properties import measure_solid
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.support.placements import stable_placements
 from zeroshop_steps.runtime.errors import StepError
 
 

@@ -7,10 +7,10 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from helpers.drawn_boxes import HEIGHT_PX, INTRINSICS, WIDTH_PX, cast
-from zeroshop_steps.geometry import rasterization
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.rasterization import PixelGrid, draw_in_parts, rasterize
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering import rasterization
+from zeroshop_steps.geometry.rendering.rasterization import PixelGrid, draw_in_parts, rasterize
 
 POSES = 5
 

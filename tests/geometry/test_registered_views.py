@@ -1,8 +1,8 @@
 """Which cameras of joined passes say how a model lies to the truth."""
 
 from helpers.carton_scene import camera_at
-from zeroshop_steps.geometry.cameras import write_cameras
-from zeroshop_steps.geometry.registered_views import PASSES, read_first_cameras
+from zeroshop_steps.geometry.cameras.pinhole import write_cameras
+from zeroshop_steps.geometry.cameras.registered_views import PASSES, read_first_cameras
 from zeroshop_steps.runtime.files import write_json
 
 

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from zeroshop_steps.geometry.support_plane import estimate_up_from_roll
-from zeroshop_steps.geometry.viewpoints import direction_at, look_at
+from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at
+from zeroshop_steps.geometry.support.ground_plane import estimate_up_from_roll
 
 
 def take_views(azimuths_deg, elevation_deg, rolls_deg):

@@ -3,8 +3,8 @@
 import numpy as np
 
 from helpers.ball_scene import RADIUS, ball_cameras, ball_mask
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.visual_hull import find_inside_masks, measure_hull_depth
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.observation.visual_hull import find_inside_masks, measure_hull_depth
 
 POINTS = np.random.default_rng(0).uniform(-1.0, 1.0, (4000, 3))
 WITHIN = np.linalg.norm(POINTS, axis=1) < 0.55

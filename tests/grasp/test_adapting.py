@@ -5,8 +5,8 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.metric_mesh import MetricMesh
+from zeroshop_steps.geometry.meshes.metric_mesh import MetricMesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.grasp.adapting import best_above_table
 from zeroshop_steps.grasp.antipodal import GraspOptions, find_grasps
 from zeroshop_steps.grasp.clearance import BEHIND_M, CORNERS

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.metric_mesh import MetricMesh
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.geometry.meshes.metric_mesh import MetricMesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.grasp.antipodal import GraspOptions, find_grasps
 from zeroshop_steps.grasp.grasps import read_grasp_array, read_grasps
 from zeroshop_steps.grasp.gripper import GRIPPERS

@@ -33,7 +33,7 @@ def box():
 
 
 def test_each_reason_is_found(box):
-    from zeroshop_steps.geometry.meshes import Mesh
+    from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 
     surface = make_grasp_surface(Mesh(np.asarray(box.vertices) / 1000, np.asarray(box.faces)), np.random.default_rng(0))
     poses = np.array([above(0.03), above(0.2), above(0.03, tilt_deg=40), above(0.03, shift_m=0.03), above(-0.03)])

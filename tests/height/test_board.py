@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.board_files import BOARDS
-from zeroshop_steps.geometry.printed_board import MM_PER_INCH, Board, draw_board, draw_sheet
-from zeroshop_steps.geometry.viewpoints import look_at
+from zeroshop_steps.geometry.boards.board_files import BOARDS
+from zeroshop_steps.geometry.boards.printed_board import MM_PER_INCH, Board, draw_board, draw_sheet
+from zeroshop_steps.geometry.cameras.viewpoints import look_at
+from zeroshop_steps.height.board_corners import check_board_views, detect_board, detect_corners, identify_board
 from zeroshop_steps.height.board_fit import fit_board
-from zeroshop_steps.height.board_photos import check_board_views, detect_board, detect_corners, identify_board
 from zeroshop_steps.height.board_view import BoardView
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from helpers.given import given_cameras
-from zeroshop_steps.capture.given_cameras import GivenCamera, GivenCameras
-from zeroshop_steps.geometry.meshes import write_ply
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.capture.cameras_json import GivenCamera, GivenCameras
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
 

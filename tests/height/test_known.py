@@ -6,7 +6,7 @@ import yaml
 
 from helpers.paths import REPOSITORY
 from zeroshop_steps.capture.known_height import HEIGHT_RANGE_M, read_known_height_m
-from zeroshop_steps.geometry.meshes import write_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json

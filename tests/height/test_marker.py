@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from helpers.coarse_ground import coarse_ground
-from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
-from zeroshop_steps.geometry.images import list_images, read_image, write_image
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model, write_cameras
+from zeroshop_steps.geometry.imaging.images import list_images, read_image, write_image
 from zeroshop_steps.height import marker
 from zeroshop_steps.height.scene_photos import localize_photos
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
-from zeroshop_steps.synthetic import camera_rings
 from zeroshop_steps.synthetic.demo_objects import write_demo_object
 from zeroshop_steps.synthetic.raycast import capture
+from zeroshop_steps.synthetic.scenes import camera_rings
 
 SIZE = ("--width", "640", "--height", "480")
 

@@ -9,10 +9,10 @@ import pytest
 
 from helpers.made_pairs import MadePairs, Noise
 from helpers.made_scene import SIZE_MM, made_scene
-from zeroshop_steps.geometry.cameras import Camera, read_sparse_model, write_cameras
-from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.cameras.pinhole import Camera, read_sparse_model, write_cameras
+from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.height.mast3r import choose_object_views, measure_scale
-from zeroshop_steps.networks.mast3r.alignment import align_images
+from zeroshop_steps.networks.mast3r.global_alignment import align_images
 from zeroshop_steps.runtime.errors import StepError
 
 UNITS_A_MM = 0.0137

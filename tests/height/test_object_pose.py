@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from helpers.carton_scene import SIZE_MM
-from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.geometry.support_plane import find_background_points, fit_support_plane
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.support.ground_plane import find_background_points, fit_support_plane
 from zeroshop_steps.height.object_pose import measure_object_pose
 
 BOTTOM_MM = -SIZE_MM[2] / 2

@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from zeroshop_steps.geometry.board_files import BOARDS, read_board
-from zeroshop_steps.geometry.printed_board import Board, TagBoard
-from zeroshop_steps.geometry.viewpoints import look_at
+from zeroshop_steps.geometry.boards.board_files import BOARDS, read_board
+from zeroshop_steps.geometry.boards.printed_board import Board, TagBoard
+from zeroshop_steps.geometry.cameras.viewpoints import look_at
+from zeroshop_steps.height.board_corners import check_board_views, detect_board
 from zeroshop_steps.height.board_fit import fit_board
-from zeroshop_steps.height.board_photos import check_board_views, detect_board
 from zeroshop_steps.height.board_view import BoardView
 from zeroshop_steps.height.tag_boards import fit_tags
 from zeroshop_steps.runtime.errors import StepError

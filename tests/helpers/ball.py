@@ -3,11 +3,11 @@
 import numpy as np
 import torch
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.visual_hull import VisualHull
-from zeroshop_steps.surface.free_space import HullDistanceField
-from zeroshop_steps.surface.initialization import FreeSpace, Initialization
-from zeroshop_steps.surface.training_views import TrainingView
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.observation.visual_hull import VisualHull
+from zeroshop_steps.surface.mvs.free_space import HullDistanceField
+from zeroshop_steps.surface.rendering.training_views import TrainingView
+from zeroshop_steps.surface.training.initialization import FreeSpace, Initialization
 
 SIZE_PX, FOCAL_PX, RADIUS = 64, 90.0, 0.6
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from helpers.camera_ring import ring_camera
-from zeroshop_steps.geometry.cameras import Camera, write_cameras
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.cameras.pinhole import Camera, write_cameras
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.runtime.files import write_json
 
 WIDTH, HEIGHT, FOCAL, RADIUS, DISTANCE = 160, 120, 170.0, 0.6, 3.0

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 
 
 def ring_camera(

@@ -27,13 +27,13 @@ import pycolmap
 
 from helpers.stored_captures import StoredCapture, SubsetMatcher, copy_matches
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.geometry.cameras import LEAST_PAIRS, Camera, read_sparse_model
-from zeroshop_steps.geometry.sparse_files import write_reconstruction
+from zeroshop_steps.geometry.cameras.pinhole import LEAST_PAIRS, Camera, read_sparse_model
+from zeroshop_steps.geometry.cameras.sparse_files import write_reconstruction
 from zeroshop_steps.register import aliked, colmap, silhouette_sfm
+from zeroshop_steps.register.camera_proposals import Proposer, propose
 from zeroshop_steps.register.features.sift import SiftOptions
 from zeroshop_steps.register.matching.view_graph import ViewGraph
 from zeroshop_steps.register.pipeline import StructureOptions
-from zeroshop_steps.register.proposals import Proposer, propose
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.record import OBJECT_ONLY, RegistrationFailed, Stopwatch
 from zeroshop_steps.runtime.files import scratch_directory, write_json

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.files import write_json
 
 BOX_SIZE_MM = np.array([40.0, 60.0, 100.0])

@@ -8,12 +8,12 @@ import numpy as np
 import pycolmap
 import trimesh
 
-from zeroshop_steps.finish.atlas import fill_gutters, rasterize_atlas
-from zeroshop_steps.finish.unwrap import unwrap_mesh
-from zeroshop_steps.geometry.cameras import Camera, write_cameras
-from zeroshop_steps.geometry.images import write_image, write_mask
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.finish.texturing.atlas import fill_gutters, rasterize_atlas
+from zeroshop_steps.finish.texturing.unwrap import unwrap_mesh
+from zeroshop_steps.geometry.cameras.pinhole import Camera, write_cameras
+from zeroshop_steps.geometry.imaging.images import write_image, write_mask
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.files import write_json
 
 SIZE_MM = np.array([60.0, 40.0, 90.0])

@@ -6,7 +6,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from zeroshop_steps.synthetic import lighting, scene_meshes
+from zeroshop_steps.synthetic.rendering import lighting
+from zeroshop_steps.synthetic.scenes import scene_meshes
 
 
 @contextmanager

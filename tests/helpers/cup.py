@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.visual_hull import VisualHull, voxel_centres
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.observation.visual_hull import VisualHull, voxel_centres
 
 RESOLUTION = 48
 HALF = 1.0

@@ -22,17 +22,17 @@ from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.evaluate.grade import make_grade_record, measure_mesh
 from zeroshop_steps.evaluate.grading import MEASURES
-from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
-from zeroshop_steps.geometry.images import read_image, read_mask
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.surface_distance import measure_surface_error
-from zeroshop_steps.geometry.visual_hull import VisualHull
+from zeroshop_steps.geometry.alignment.surface_distance import measure_surface_error
+from zeroshop_steps.geometry.cameras.pinhole import Camera, read_sparse_model
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.imaging.images import read_image, read_mask
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.observation.visual_hull import VisualHull
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.open3d_loader import o3d
-from zeroshop_steps.surface.raw_mesh import sort_mesh
+from zeroshop_steps.surface.meshing.raw_mesh import sort_mesh
 
 LIMITS = {measure.name: (measure.good, measure.sparse) for measure in MEASURES}
 CAMERA_NOISE_DEG = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0)

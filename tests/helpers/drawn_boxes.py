@@ -9,9 +9,9 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 WIDTH_PX, HEIGHT_PX = 48, 40

@@ -11,7 +11,7 @@ from zeroshop_steps.surface.svraster.octree import Octree
 from zeroshop_steps.surface.svraster.settings import VoxelSettings
 from zeroshop_steps.surface.svraster.train import VoxelTrainer
 from zeroshop_steps.surface.svraster.voxels import Voxels
-from zeroshop_steps.surface.trainer import Trainer, ViewPyramid
+from zeroshop_steps.surface.training.trainer import Trainer, ViewPyramid
 from zeroshop_steps.surface.twodgs.settings import SurfelSettings
 from zeroshop_steps.surface.twodgs.surfels import Surfels
 from zeroshop_steps.surface.twodgs.train import SurfelTrainer

@@ -4,8 +4,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from helpers.camera_ring import ring_camera
-from zeroshop_steps.capture.given_cameras import GivenCamera, GivenCameras, Lens
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.capture.cameras_json import GivenCamera, GivenCameras, Lens
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 
 
 def small_ring(count: int = 12) -> list[Camera]:

@@ -20,18 +20,18 @@ from zeroshop_steps.evaluate.grade import measure_mesh
 from zeroshop_steps.evaluate.grading import MEASURES, grade_by_worst
 from zeroshop_steps.evaluate.quality import LARGEST
 from zeroshop_steps.evaluate.surface_measures import measure_guessed_share
-from zeroshop_steps.finish.underside import drop_underside
-from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, read_sparse_model
-from zeroshop_steps.geometry.meshes import Mesh, diameter_of
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.geometry.support_classes import MEASURED, compute_area_shares
-from zeroshop_steps.geometry.surface_distance import measure_surface_error, sample_surface
-from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, smooth, weld
-from zeroshop_steps.geometry.surface_support import classify_surface_support
-from zeroshop_steps.geometry.transforms import transform_camera, transform_points
+from zeroshop_steps.finish.closing.underside import drop_underside
+from zeroshop_steps.geometry.alignment.surface_distance import measure_surface_error, sample_surface
+from zeroshop_steps.geometry.cameras.pinhole import align_to_truth, pair_with_truth, read_sparse_model
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.cameras.transforms import transform_camera, transform_points
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.surface_fields import build_neighbour_matrix, smooth, weld
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, diameter_of
+from zeroshop_steps.geometry.observation.support_classes import MEASURED, compute_area_shares
+from zeroshop_steps.geometry.observation.vertex_support import classify_surface_support
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.surface.seeds import read_confirmed_points
+from zeroshop_steps.surface.mvs.seeds import read_confirmed_points
 
 DEFAULTS = {measure.name: (measure.good, measure.sparse) for measure in MEASURES}
 TRIED = {

@@ -17,8 +17,8 @@ import trimesh
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import pdist
 
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 
 TEXTURE_PX = 512
 Shape = tuple[trimesh.Trimesh, tuple[int, int, int], float]  # in mm, z up; sRGB colour; how strongly the colour varies, of 1

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.networks.mast3r.framing import Framing, fit_framing
 from zeroshop_steps.networks.mast3r.model import ImagePrediction
 

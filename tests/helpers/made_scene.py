@@ -7,8 +7,8 @@ import numpy as np
 import trimesh
 from scipy.ndimage import map_coordinates
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import write_image, write_mask
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.imaging.images import write_image, write_mask
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.runtime.open3d_loader import o3d
 

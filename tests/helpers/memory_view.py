@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.cameras.registered_views import View
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera, read_sparse_model, write_cameras
+from zeroshop_steps.geometry.cameras.pinhole import Camera, read_sparse_model, write_cameras
 
 QUARTER = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])  # x right and y down of a picture turned clockwise
 

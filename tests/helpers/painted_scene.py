@@ -7,14 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import trimesh
 
-from zeroshop_steps.bop.models import model_path
-from zeroshop_steps.bop.scene import Frame, Instance, write_scene
-from zeroshop_steps.bop.targets import Target, write_targets
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import write_image, write_mask
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.viewpoints import look_at
+from zeroshop_steps.bop.formats.bop_scenes import Frame, Instance, write_scene
+from zeroshop_steps.bop.formats.models import model_path
+from zeroshop_steps.bop.formats.targets import Target, write_targets
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.viewpoints import look_at
+from zeroshop_steps.geometry.imaging.images import write_image, write_mask
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.cli import stage_main
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 320, 240, 420.0

@@ -1,4 +1,4 @@
-"""Stands in for the Python of BlenderProc's environment: writes grey frames as blender/render.py would, or fails as it is told.
+"""Stands in for the Python of BlenderProc's environment: writes grey frames as blender/render_frames.py would, or fails as it is told.
 
 Things fall straight down, as blender/settle.py would let them where nothing is in their way.
 

@@ -3,10 +3,10 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.bop.models import ObjectModel
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.synthetic.distractors import make_distractor
+from zeroshop_steps.bop.formats.models import ObjectModel
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
+from zeroshop_steps.synthetic.scenes.distractors import make_distractor
 
 INTRINSICS = np.array([[500.0, 0, 79.5], [0, 500.0, 59.5], [0, 0, 1]])
 """BOP's K: the middle of the first pixel is at (0, 0)."""

@@ -29,8 +29,8 @@ from helpers.small_networks import write_detector, write_tracker
 from helpers.small_sam6d import write_pem
 from helpers.small_trellis import write_encoder, write_networks
 from helpers.small_vggt import write_weights
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.networks.mast3r.inference import NAME
 from zeroshop_steps.networks.mast3r.model import MASt3R, Mast3rSettings
 from zeroshop_steps.runtime.files import write_json

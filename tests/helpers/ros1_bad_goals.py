@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from helpers.painted_scene import CARTON
-from zeroshop_steps.geometry.images import decode_image, read_image, read_mask
+from zeroshop_steps.geometry.imaging.images import decode_image, read_image, read_mask
 from zeroshop_steps.robot.image_messages import write_image
 from zeroshop_steps.robot.ros1.client import STATES
 from zeroshop_steps.robot.ros1.environment import provide_ros

@@ -8,11 +8,11 @@ import numpy as np
 
 from helpers.carton_scene import camera_at
 from helpers.memory_view import MemoryView
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.srgb import linear_to_srgb, srgb_to_linear
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.imaging.srgb import linear_to_srgb, srgb_to_linear
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 
 RADIUS_MM, HEIGHT_MM, WALL_MM, FLOOR_MM = 40.0, 80.0, 5.0, 8.0
 """It stands on z = -HEIGHT_MM / 2."""

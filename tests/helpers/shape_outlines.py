@@ -5,7 +5,7 @@ import numpy as np
 import trimesh
 
 from helpers.camera_ring import ring_camera
-from zeroshop_steps.register.submodels.alignment import CameraGroup
+from zeroshop_steps.register.submodels.outline_alignment import CameraGroup
 
 VIEWS, SIZE_PX, FINER = 8, (480, 360), 4
 

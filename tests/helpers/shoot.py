@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.capture.photos import import_photos
-from zeroshop_steps.geometry.images import write_image, write_mask
+from zeroshop_steps.geometry.imaging.images import write_image, write_mask
 from zeroshop_steps.runtime.errors import StepError
 
 WIDTH, HEIGHT = 160, 120

@@ -11,8 +11,8 @@ import numpy as np
 import torch
 
 from helpers.simulator import run_in_simulator
-from zeroshop_steps.surface import losses
-from zeroshop_steps.surface.ssim import DeviceDissimilarity
+from zeroshop_steps.surface.training import losses
+from zeroshop_steps.surface.training.ssim import DeviceDissimilarity
 
 SURFEL_TENSORS = ("positions", "log_scales", "quaternions", "opacity_logits", "sh")
 VOXEL_TENSORS = ("densities", "sh")
@@ -67,7 +67,7 @@ def surfels(given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 def voxels(given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Voxels of a view, each one's largest blending weight and priority, and a short training of others."""
     from helpers import few_primitives
-    from zeroshop_steps.geometry.cameras import Camera
+    from zeroshop_steps.geometry.cameras.pinhole import Camera
     from zeroshop_steps.surface.svraster.octree import Octree
     from zeroshop_steps.surface.svraster.reference import render_reference
     from zeroshop_steps.surface.svraster.render import RenderView, render

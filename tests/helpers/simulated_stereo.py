@@ -9,8 +9,8 @@ import sys
 import numpy as np
 
 from helpers.ball import ball_view
-from zeroshop_steps.geometry.visual_hull import VisualHull
-from zeroshop_steps.surface.patchmatch import estimate_depth_maps
+from zeroshop_steps.geometry.observation.visual_hull import VisualHull
+from zeroshop_steps.surface.mvs.patchmatch import estimate_depth_maps
 
 SIZE_PX, HULL_VOXELS = 48, 24
 

@@ -6,8 +6,8 @@ import numpy as np
 import trimesh
 
 from helpers.faults import step
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.files import write_json
 
 BOX_MM = np.array([60.0, 40.0, 20.0])

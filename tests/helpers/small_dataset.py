@@ -9,13 +9,13 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.bop.annotate import annotate
-from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.estimates import Estimates
-from zeroshop_steps.bop.models import model_path, read_models
-from zeroshop_steps.bop.scene import Frame, Instance, write_scene
-from zeroshop_steps.bop.targets import Target, read_target_frames, read_targets, write_targets
-from zeroshop_steps.geometry.images import write_image, write_mask
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.bop.formats.bop_scenes import Frame, Instance, write_scene
+from zeroshop_steps.bop.formats.estimates import Estimates
+from zeroshop_steps.bop.formats.models import model_path, read_models
+from zeroshop_steps.bop.formats.targets import Target, read_target_frames, read_targets, write_targets
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
+from zeroshop_steps.geometry.imaging.images import write_image, write_mask
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 
 WIDTH_PX, HEIGHT_PX = 96, 72
 INTRINSICS = np.array([[120.0, 0.0, 47.2], [0.0, 120.0, 35.6], [0.0, 0.0, 1.0]])

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from helpers.carton_scene import Carton
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import write_ply
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
 from zeroshop_steps.report import gallery, object_page
 from zeroshop_steps.runtime.failures import Failure, write_failure
 from zeroshop_steps.runtime.files import write_json

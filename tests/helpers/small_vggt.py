@@ -9,8 +9,8 @@ import torch
 from safetensors.torch import save_file
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
-from zeroshop_steps.geometry.images import list_images, read_depth_mm
+from zeroshop_steps.geometry.cameras.pinhole import Camera, read_sparse_model
+from zeroshop_steps.geometry.imaging.images import list_images, read_depth_mm
 from zeroshop_steps.networks.vggt.model import Vggt
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.register.vggt.dense_points import unproject

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.mesh_rendering import sample_texture
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import sample_texture
 from zeroshop_steps.networks.trellis.flexible_surface import ColoredSurface
 
 

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 
 from helpers.made_pairs import MadePairs, Noise
-from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
-from zeroshop_steps.geometry.images import decode_image, list_images
+from zeroshop_steps.geometry.cameras.pinhole import Camera, read_sparse_model
+from zeroshop_steps.geometry.imaging.images import decode_image, list_images
 from zeroshop_steps.height import mast3r, record
 from zeroshop_steps.height.mast3r import _take_evenly
 from zeroshop_steps.runtime.files import read_json

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
-from zeroshop_steps.geometry.images import write_mask
+from zeroshop_steps.geometry.cameras.pinhole import Camera, read_sparse_model
+from zeroshop_steps.geometry.imaging.images import write_mask
 from zeroshop_steps.networks.aliked import FeatureMatcher
-from zeroshop_steps.networks.object_finder import cut_main_things
-from zeroshop_steps.networks.salient_object import SalientObjectNetwork
+from zeroshop_steps.networks.saliency.object_finder import cut_main_things
+from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.register import aliked, colmap
 from zeroshop_steps.register.features.static_marks import StaticMark
 from zeroshop_steps.register.matching.turntable import StationaryMatches

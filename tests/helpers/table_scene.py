@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 
 from helpers.camera_ring import ring_camera
-from zeroshop_steps.geometry.cameras import Camera, SparseModel
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.cameras.pinhole import Camera, SparseModel
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.imaging.images import write_image
 
 WIDTH, HEIGHT, FOCAL, DISTANCE, COUNT = 240, 180, 260.0, 4.0, 12
 BROWN = np.array([121.0, 99.0, 77.0])

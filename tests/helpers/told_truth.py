@@ -9,8 +9,8 @@ import numpy as np
 
 from helpers.made_pairs import MadePairs, Noise
 from helpers.small_vggt import TrueNetwork
-from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.geometry.images import list_images, read_depth_mm
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
+from zeroshop_steps.geometry.imaging.images import list_images, read_depth_mm
 
 NOISE = Noise(feature=0.02, point=0.002)
 

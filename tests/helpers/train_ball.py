@@ -7,12 +7,12 @@ import numpy as np
 import torch
 
 from helpers.ball import ball_initialization, ball_views
-from zeroshop_steps.runtime.threads import use_threads
+from zeroshop_steps.runtime.compute.threads import use_threads
 from zeroshop_steps.surface.fuse import fuse_depth_maps, render_depth
 from zeroshop_steps.surface.svraster.initialization import initialize_voxels
 from zeroshop_steps.surface.svraster.settings import VoxelSettings
 from zeroshop_steps.surface.svraster.train import VoxelTrainer
-from zeroshop_steps.surface.trainer import ViewPyramid
+from zeroshop_steps.surface.training.trainer import ViewPyramid
 from zeroshop_steps.surface.twodgs.settings import SurfelSettings
 from zeroshop_steps.surface.twodgs.surfels import initialize_surfels
 from zeroshop_steps.surface.twodgs.train import SurfelTrainer

@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.models import ObjectModel
-from zeroshop_steps.bop.scene import Frame
+from zeroshop_steps.bop.formats.bop_scenes import Frame
+from zeroshop_steps.bop.formats.models import ObjectModel
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
 from zeroshop_steps.detect.cnos.crops import SIDE_PX, cover_patches, cut_square
 from zeroshop_steps.detect.templates import Templates
-from zeroshop_steps.geometry.transforms import transform_points
-from zeroshop_steps.networks.sam6d.matching import SparseCloud
+from zeroshop_steps.geometry.cameras.transforms import transform_points
 from zeroshop_steps.networks.sam6d.model import Sam6dPem
+from zeroshop_steps.networks.sam6d.point_matching import SparseCloud
 from zeroshop_steps.networks.sam6d.settings import Sam6dSettings
 from zeroshop_steps.pose.sam6d_pem.crops import DEVIATION, MEAN
 

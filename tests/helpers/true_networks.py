@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.networks.foundationpose.settings import LARGEST_TURN_RAD
 from zeroshop_steps.pose.foundationpose.crops import CropPairs
-from zeroshop_steps.pose.foundationpose.estimator import PreparedModel
+from zeroshop_steps.pose.foundationpose.estimator import FoundationPoseModel
 
 LARGEST_STEP = 0.95  # of LARGEST_TURN_RAD; the hyperbolic tangent never reaches it
 CLIPPED_RADII = 0.3  # what hides the object is no farther off than this for the score
@@ -23,7 +23,7 @@ class TrueNetworks:
         turn_deg: size of the error of each refinement's rotation; its translation is off by as much, seen from the centre.
     """
 
-    def __init__(self, goals: np.ndarray, ready: PreparedModel, turn_deg: float = 2.0) -> None:
+    def __init__(self, goals: np.ndarray, ready: FoundationPoseModel, turn_deg: float = 2.0) -> None:
         self.batch = 48
         self.goals, self.radius_mm, self.turn_deg = ready.centred(goals), ready.drawn.diameter_mm / 2, turn_deg
         self.rng = np.random.default_rng(0)

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import trimesh
 
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 
 
 def can_with_two_faces() -> Mesh:

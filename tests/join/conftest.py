@@ -3,7 +3,7 @@
 import pytest
 
 from helpers.carton_scene import camera_at
-from zeroshop_steps.geometry.cameras import write_cameras
+from zeroshop_steps.geometry.cameras.pinhole import write_cameras
 from zeroshop_steps.runtime.files import write_json
 
 

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from helpers.shape_outlines import capture
 from zeroshop_steps.join.alike import MOST_TELLING, choose_any, fits_itself
-from zeroshop_steps.join.evidence import LARGEST_MISS_PX, Judgement, Sight
+from zeroshop_steps.join.evidence import LARGEST_MISS_PX, Judgement, PassObservation
 from zeroshop_steps.join.reasons import explain_joined
 from zeroshop_steps.join.ways import Way
 from zeroshop_steps.register.submodels.appearance import Likeness
@@ -22,18 +22,18 @@ def turn(axis: str, angle_deg: float, scale: float = 1.0) -> np.ndarray:
     return similarity
 
 
-def sight_of(shape: trimesh.Trimesh) -> Sight:
-    return Sight([], capture(shape))
+def sight_of(shape: trimesh.Trimesh) -> PassObservation:
+    return PassObservation([], capture(shape))
 
 
 @pytest.fixture(scope="module")
-def cone() -> Sight:
+def cone() -> PassObservation:
     """Of one shape all around, but not upside down."""
     return sight_of(trimesh.creation.revolve(np.array([[0, -30], [25, -30], [60, 30], [0, 30]]), sections=64))
 
 
 @pytest.fixture(scope="module")
-def box() -> Sight:
+def box() -> PassObservation:
     return sight_of(trimesh.creation.box((90, 50, 60)))
 
 
@@ -41,14 +41,14 @@ def open_way(way: np.ndarray, miss_px: float = 0.1, likeness: Likeness = PLAIN) 
     return Judgement(Way(way, 0), miss_px, likeness, miss_px)
 
 
-def test_outlines_tell_which_turns_leave_a_shape_as_it_is(cone: Sight, box: Sight) -> None:
+def test_outlines_tell_which_turns_leave_a_shape_as_it_is(cone: PassObservation, box: PassObservation) -> None:
     assert fits_itself(cone, turn("z", 37)) and fits_itself(cone, turn("z", 180))
     assert not fits_itself(cone, turn("x", 180)) and not fits_itself(cone, turn("x", 40))
     assert fits_itself(box, turn("z", 180)) and not fits_itself(box, turn("z", 90))
     assert not fits_itself(box, turn("x", 180)), "its underside is another side, which the pass did not see"
 
 
-def test_any_turn_will_do_where_the_shape_is_the_same_in_all(cone: Sight) -> None:
+def test_any_turn_will_do_where_the_shape_is_the_same_in_all(cone: PassObservation) -> None:
     upside_down = turn("x", 180, 2.0)
     ways = [open_way(upside_down, 0.2), open_way(upside_down @ turn("z", 50), 0.1), open_way(upside_down @ turn("z", 130), 0.3)]
     profile = np.array([[0, -60], [120, -60], [50, 60], [0, 60]])  # the same, twice as large, on its head
@@ -57,8 +57,8 @@ def test_any_turn_will_do_where_the_shape_is_the_same_in_all(cone: Sight) -> Non
     assert "print that only one of the passes shows" in str(explain_joined(2, ways[1], target, cone))
 
 
-def test_nothing_is_guessed_where_the_ways_differ(cone: Sight, box: Sight) -> None:
-    def chosen(*found: Judgement, sight: Sight = cone) -> Judgement | None:
+def test_nothing_is_guessed_where_the_ways_differ(cone: PassObservation, box: PassObservation) -> None:
+    def chosen(*found: Judgement, sight: PassObservation = cone) -> Judgement | None:
         return choose_any(list(found), sight, sight)
 
     straight, turned = np.eye(4), turn("z", 90)

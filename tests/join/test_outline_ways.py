@@ -6,11 +6,11 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from helpers.shape_outlines import capture
-from zeroshop_steps.geometry.transforms import compute_scale, transform_camera, transform_points
+from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_camera, transform_points
 from zeroshop_steps.join import outline_ways
 from zeroshop_steps.join.evidence import ELSEWHERE_PX, ELSEWHERE_TIMES, SURE_MISS_PX
 from zeroshop_steps.join.outline_ways import find_ways_by_outlines, make_turns
-from zeroshop_steps.register.submodels.alignment import CameraGroup, measure_misses
+from zeroshop_steps.register.submodels.outline_alignment import CameraGroup, measure_misses
 
 
 def put_down(shape: trimesh.Trimesh) -> tuple[trimesh.Trimesh, np.ndarray]:

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from helpers.coarse_ground import coarse_ground
-from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.geometry.registered_views import choose_standing, read_views
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
+from zeroshop_steps.geometry.cameras.registered_views import choose_standing, read_views
 from zeroshop_steps.join import evidence
 from zeroshop_steps.join.evidence import (
     LARGEST_MISS_PX,

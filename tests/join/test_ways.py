@@ -5,11 +5,11 @@ import pycolmap
 import pytest
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.cameras import to_rigid
-from zeroshop_steps.geometry.transforms import transform_points
-from zeroshop_steps.geometry.viewpoints import look_at
+from zeroshop_steps.geometry.cameras.pinhole import to_rigid
+from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.geometry.cameras.viewpoints import look_at
 from zeroshop_steps.join.object_matches import PointPairs
-from zeroshop_steps.join.refinement import refine
+from zeroshop_steps.join.pass_refinement import refine
 from zeroshop_steps.join.ways import Way, find_ways_by_matches
 
 

@@ -13,7 +13,7 @@ from zeroshop_steps.networks.aliked import (
     FOLDER,
     MATCHER,
     AlikedMatcher,
-    Features,
+    CropFeatures,
     cut_out,
     describe_turned,
     extract_features,
@@ -136,7 +136,7 @@ def test_the_published_weights_give_what_the_published_code_gives():
         distance, nearest = torch.cdist(features.keypoints, theirs).min(1)
         assert (distance < 0.1).float().mean() > 0.95 and (same := distance < 1e-3).float().mean() > 0.8
         assert (features.descriptors[same] - descriptors[nearest[same]]).abs().max() < 1e-4
-        matcher.features[image] = Features(theirs, descriptors, (160, 160))
+        matcher.features[image] = CropFeatures(theirs, descriptors, (160, 160))
     numbers, scores = matcher.match(0, 1)
     assert (numbers == record["matches"]).all() and np.abs(scores - record["scores"]).max() < 1e-4
     moved = record["keypoints_0"][numbers[:, 0], 0] - record["keypoints_1"][numbers[:, 1], 0]

@@ -25,7 +25,7 @@ from zeroshop_steps.networks.foundationpose.model import RefineNet, ScoreNet
 from zeroshop_steps.networks.foundationpose.settings import FoundationPoseSettings
 from zeroshop_steps.networks.mast3r.model import MASt3R, Mast3rSettings
 from zeroshop_steps.networks.sam6d.model import KnownObject, Sam6dPem
-from zeroshop_steps.networks.trellis.sparse import Pooling, Voxels
+from zeroshop_steps.networks.trellis.sparse import Pooling, SparseVoxels
 from zeroshop_steps.networks.vggt.model import Vggt
 from zeroshop_steps.pose.foundationpose.poses import apply_update
 
@@ -97,7 +97,7 @@ def trellis(device: torch.device) -> dict[str, Tensor]:
     tokens, time = drawn("tokens", 7, flow.condition_width), torch.tensor(612.5, device=device)
     grid = drawn("grid", 1, flow.channels, *(flow.resolution,) * 3)
     with np.load(PARITY / "trellis.npz") as recorded:
-        voxels = Voxels(torch.from_numpy(recorded["places"]).long().to(device))
+        voxels = SparseVoxels(torch.from_numpy(recorded["places"]).long().to(device))
     latents = drawn("latents", len(voxels.coordinates), settings.latent_flow.channels)
     return {
         "structure flow": networks["structure_flow"](grid[0].flatten(1).T, time, tokens),

@@ -9,10 +9,17 @@ import pytest
 
 from helpers.paths import REPOSITORY
 from helpers.small_saliency import DEVIATION, MEAN, write_network
-from zeroshop_steps.geometry.images import read_image, write_image
-from zeroshop_steps.networks import salient_networks
-from zeroshop_steps.networks.salient_networks import DEFAULT, IMAGENET_DEVIATION, IMAGENET_MEAN, NETWORKS, network_path, require_network
-from zeroshop_steps.networks.salient_object import SalientObjectNetwork
+from zeroshop_steps.geometry.imaging.images import read_image, write_image
+from zeroshop_steps.networks.saliency import salient_networks
+from zeroshop_steps.networks.saliency.salient_networks import (
+    DEFAULT,
+    IMAGENET_DEVIATION,
+    IMAGENET_MEAN,
+    NETWORKS,
+    network_path,
+    require_network,
+)
+from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.networks.weights import read_table
 from zeroshop_steps.runtime.errors import StepError
 

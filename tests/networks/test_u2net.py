@@ -11,10 +11,10 @@ import torch
 from helpers.paths import REPOSITORY
 from helpers.small_saliency import write_network
 from helpers.small_u2net import export_small, make_small
-from zeroshop_steps.geometry.images import read_image
-from zeroshop_steps.networks.salient_networks import IMAGENET_DEVIATION, IMAGENET_MEAN, NETWORKS
-from zeroshop_steps.networks.salient_object import SalientObjectNetwork
-from zeroshop_steps.networks.u2net import U2Net, read_weights, write_weights
+from zeroshop_steps.geometry.imaging.images import read_image
+from zeroshop_steps.networks.saliency.salient_networks import IMAGENET_DEVIATION, IMAGENET_MEAN, NETWORKS
+from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
+from zeroshop_steps.networks.saliency.u2net import U2Net, read_weights, write_weights
 from zeroshop_steps.runtime.errors import StepError
 
 REAL = NETWORKS["u2netp"]

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from helpers.small_dataset import BOX, CAN, dataset_in, make_dataset
-from zeroshop_steps.bop.detections import Detection, encode_mask, write_detections
-from zeroshop_steps.bop.estimates import read_estimates
-from zeroshop_steps.bop.targets import Target
+from zeroshop_steps.bop.formats.detections import Detection, encode_mask, write_detections
+from zeroshop_steps.bop.formats.estimates import read_estimates
+from zeroshop_steps.bop.formats.targets import Target
 from zeroshop_steps.pose.confidence import estimate_confidence
 from zeroshop_steps.pose.dataset import choose_detections, estimate_all, run_estimator
 from zeroshop_steps.runtime.cli import stage_main

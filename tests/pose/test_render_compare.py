@@ -8,11 +8,11 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from helpers.printed_box import INTRINSICS, make_box, taken, view
-from zeroshop_steps.bop.models import ObjectModel
-from zeroshop_steps.bop.pose_error import ModelPoints, mssd
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer, sample_texture
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.bop.formats.models import ObjectModel
+from zeroshop_steps.bop.scoring.pose_error import ModelPoints, mssd
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer, sample_texture
 from zeroshop_steps.pose.icp import run_icp
 from zeroshop_steps.pose.pose_score import PoseScorer, cut_patch
 from zeroshop_steps.pose.render_compare import PreparedModel, collect_points, estimate_pose

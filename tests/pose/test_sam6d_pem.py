@@ -10,15 +10,15 @@ from scipy.spatial.transform import Rotation
 from helpers.painted_scene import CAN, CARTON, carton
 from helpers.small_sam6d import write_pem
 from helpers.true_features import TrueNetwork
-from zeroshop_steps.bop.detections import Detection, encode_mask, write_detections
-from zeroshop_steps.bop.estimates import read_estimates
-from zeroshop_steps.bop.models import ObjectModel, measure_diameter_mm
-from zeroshop_steps.bop.pose_error import ModelPoints, mssd
+from zeroshop_steps.bop.formats.detections import Detection, encode_mask, write_detections
+from zeroshop_steps.bop.formats.estimates import read_estimates
+from zeroshop_steps.bop.formats.models import ObjectModel, measure_diameter_mm
+from zeroshop_steps.bop.scoring.pose_error import ModelPoints, mssd
 from zeroshop_steps.detect.detector_io import warn_of_plain_models
 from zeroshop_steps.detect.templates import render_templates
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.networks.sam6d.model import Sam6dPem
 from zeroshop_steps.pose.sam6d_pem import estimate_pose, know_object, predict_memory
 from zeroshop_steps.pose.sam6d_pem.crops import LEAST_POINTS, crop_observation, square_around

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zeroshop_steps.geometry.images import write_image, write_mask
+from zeroshop_steps.geometry.imaging.images import write_image, write_mask
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from helpers.made_scene import MadeScene, made_scene
-from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, read_sparse_model
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.geometry.cameras.pinhole import align_to_truth, pair_with_truth, read_sparse_model
+from zeroshop_steps.geometry.cameras.transforms import transform_points
 from zeroshop_steps.register.aliked import AlikedOptions, match_images, register
 from zeroshop_steps.register.pipeline import StructureOptions
 from zeroshop_steps.register.scene.image_set import ImageSet

@@ -10,11 +10,11 @@ import pytest
 from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
 from helpers.small_saliency import NORMALIZATION, write_network
 from zeroshop_steps.evaluate.mask_error import undistort_mask
-from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
-from zeroshop_steps.geometry.images import compute_overlap, read_mask
-from zeroshop_steps.networks.salient_object import SalientObjectNetwork
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model, write_cameras
+from zeroshop_steps.geometry.imaging.images import compute_overlap, read_mask
+from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.register import auto
-from zeroshop_steps.register.proposals import Proposer, propose
+from zeroshop_steps.register.camera_proposals import Proposer, propose
 from zeroshop_steps.register.scene.image_set import read_masks
 from zeroshop_steps.register.scene.record import RegistrationFailed
 from zeroshop_steps.runtime.errors import StepError

@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.geometry.images import list_images, read_image, read_mask
-from zeroshop_steps.geometry.registered_views import read_deviations
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
+from zeroshop_steps.geometry.cameras.registered_views import read_deviations
+from zeroshop_steps.geometry.imaging.images import list_images, read_image, read_mask
 from zeroshop_steps.register import colmap
 from zeroshop_steps.register.features.sift import SiftOptions, extract_features, find_focal_source, refine
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
@@ -95,11 +95,11 @@ def test_bad_captures_are_refused_by_name(blank_capture, tmp_path, capsys, damag
     elif damage == "no mask":
         masks[3].unlink()
     elif damage == "empty mask":
-        from zeroshop_steps.geometry.images import write_mask
+        from zeroshop_steps.geometry.imaging.images import write_mask
 
         write_mask(masks[3], np.zeros((120, 160), bool))
     elif damage == "small mask":
-        from zeroshop_steps.geometry.images import write_mask
+        from zeroshop_steps.geometry.imaging.images import write_mask
 
         write_mask(masks[3], np.ones((12, 16), bool))
     elif damage == "damaged image":

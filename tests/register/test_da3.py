@@ -15,8 +15,8 @@ from helpers.small_da3 import SETTINGS, write_weights
 from helpers.small_vggt import TrueNetwork
 from zeroshop_steps import methods
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.cameras.pinhole import Camera, read_sparse_model
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.networks.da3.settings import BASE, SMALL
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, look_up_weights
 from zeroshop_steps.register import pipeline

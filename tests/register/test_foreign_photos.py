@@ -8,8 +8,8 @@ import pycolmap
 import pytest
 
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.geometry.images import list_images, read_image, write_image
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
+from zeroshop_steps.geometry.imaging.images import list_images, read_image, write_image
 from zeroshop_steps.register.matching.view_graph import find_components
 from zeroshop_steps.register.pipeline import StructureOptions, reconstruct
 from zeroshop_steps.register.scene.image_set import ImageSet

@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from helpers.given import given_cameras
-from zeroshop_steps.capture.given_cameras import GivenCamera, GivenCameras
+from zeroshop_steps.capture.cameras_json import GivenCamera, GivenCameras
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, read_sparse_model
-from zeroshop_steps.geometry.transforms import OPENCV_FROM_OPENGL, compute_scale
+from zeroshop_steps.geometry.cameras.pinhole import align_to_truth, pair_with_truth, read_sparse_model
+from zeroshop_steps.geometry.cameras.transforms import OPENCV_FROM_OPENGL, compute_scale
 from zeroshop_steps.register.colmap import ColmapOptions
 from zeroshop_steps.register.features.sift import SiftOptions
 from zeroshop_steps.register.given.solve import register

@@ -5,7 +5,7 @@ import pytest
 
 from helpers.made_pairs import MadePairs, Noise
 from helpers.made_scene import MadeScene, made_scene
-from zeroshop_steps.geometry.cameras import fit_similarity, read_sparse_model
+from zeroshop_steps.geometry.cameras.pinhole import fit_similarity, read_sparse_model
 from zeroshop_steps.register.mast3r import Mast3rOptions, register
 from zeroshop_steps.register.pipeline import StructureOptions
 from zeroshop_steps.register.scene.record import RegistrationFailed

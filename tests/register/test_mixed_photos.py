@@ -9,9 +9,9 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, read_sparse_model
-from zeroshop_steps.geometry.images import list_images, read_image, read_mask, write_image
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.geometry.cameras.pinhole import align_to_truth, pair_with_truth, read_sparse_model
+from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.geometry.imaging.images import list_images, read_image, read_mask, write_image
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.scene.lenses import group_by_lens, import_images, read_cropped_focal_px
 from zeroshop_steps.register.scene.record import find_missing

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
-from zeroshop_steps.geometry.images import write_image, write_mask
-from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.cameras.pinhole import Camera, read_sparse_model
+from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.imaging.images import write_image, write_mask
 from zeroshop_steps.register import silhouette_sfm
 from zeroshop_steps.register.features import sift
 from zeroshop_steps.register.scene.image_set import read_image_set

@@ -5,8 +5,8 @@ import pytest
 
 from helpers.camera_ring import ring_camera
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
-from zeroshop_steps.geometry.images import list_images, read_image
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model, write_cameras
+from zeroshop_steps.geometry.imaging.images import list_images, read_image
 from zeroshop_steps.register.features.sift import SiftOptions
 from zeroshop_steps.register.scene.image_set import read_image_set
 from zeroshop_steps.register.scene.record import RegistrationFailed, read_registration

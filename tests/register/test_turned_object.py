@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from helpers.made_scene import made_scene
-from zeroshop_steps.geometry.images import read_image, write_image
+from zeroshop_steps.geometry.imaging.images import read_image, write_image
 from zeroshop_steps.networks.mast3r.framing import load_picture
 from zeroshop_steps.register import mast3r
 from zeroshop_steps.register.colmap import ColmapOptions

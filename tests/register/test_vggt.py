@@ -12,8 +12,8 @@ from helpers.camera_ring import ring_camera
 from helpers.small_vggt import SETTINGS, TrueNetwork, encode, write_weights
 from zeroshop_steps import methods
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.geometry.images import list_images, write_image
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
+from zeroshop_steps.geometry.imaging.images import list_images, write_image
 from zeroshop_steps.networks import devices
 from zeroshop_steps.networks.vggt.model import list_matrices
 from zeroshop_steps.networks.vggt.settings import VggtSettings

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.register.scene.image_set import read_image_set, read_masks
 from zeroshop_steps.register.verification.consistency import ConsistencyLimits, ConsistencyReport, find_contradictions
 from zeroshop_steps.register.verification.epipolar_support import EpipolarSupport

@@ -5,11 +5,11 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.geometry.imaging.images import read_image
 from zeroshop_steps.report.grasp_robustness import draw_scale_plot
 from zeroshop_steps.report.grasping import FIRST, OVERLAP_POSED, OVERLAP_SEGMENTED, SECOND
-from zeroshop_steps.report.thesis_entries import WAITING, list_grasps
-from zeroshop_steps.report.thesis_other import list_other_grasps
+from zeroshop_steps.report.published.thesis_entries import WAITING, list_grasps
+from zeroshop_steps.report.published.thesis_other import list_other_grasps
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.tables import read_table, write_table
 

@@ -12,7 +12,7 @@ import pytest
 
 from helpers.small_report import failed_cell, finished_cell, half_done_cell, made_gallery, made_page
 from zeroshop_steps.report.site.advice import advise_on_failure
-from zeroshop_steps.report.site.charts import scatter
+from zeroshop_steps.report.site.svg_plots import scatter
 from zeroshop_steps.runtime.files import read_json, write_json
 
 

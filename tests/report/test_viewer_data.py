@@ -13,7 +13,7 @@ import trimesh
 
 from helpers.paths import REPOSITORY
 from helpers.small_report import finished_cell, made_page
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.report.site.mesh_reduction import TEXTURED_FACES, reduce_mesh
 from zeroshop_steps.report.site.viewer_data import UNSEEN, quantize_distances
 from zeroshop_steps.runtime.files import read_json, write_json

@@ -11,7 +11,7 @@ from mcap_ros2.reader import read_ros2_messages
 from helpers.painted_scene import CARTON
 from zeroshop_steps.robot.bags import TOPICS, RecognitionBag, RecordedRequest, read_requests
 from zeroshop_steps.robot.goals import read_pose
-from zeroshop_steps.robot.recognition import Recognition, RecognizedObject, Request
+from zeroshop_steps.robot.recognition import Recognition, RecognitionRequest, RecognizedObject
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 
@@ -25,7 +25,7 @@ def recorded(index: int, depth: bool = True) -> RecordedRequest:
     rng = np.random.default_rng(index)
     depth_mm = rng.integers(500, 900, (30, 40)).astype(np.float32) if depth else None
     photo = rng.integers(0, 256, (30, 40, 3), dtype=np.uint8)
-    return RecordedRequest(START_NS + index * 33_000_000, "camera", Request(photo, depth_mm, INTRINSICS))
+    return RecordedRequest(START_NS + index * 33_000_000, "camera", RecognitionRequest(photo, depth_mm, INTRINSICS))
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +129,7 @@ def test_a_damaged_bag_is_named(tmp_path, name, content):
 @pytest.mark.slow
 def test_objects_of_a_recorded_bag_are_found_without_ros(dataset, tmp_path):
     frame = dataset.frames[0]
-    request = RecordedRequest(START_NS, "camera", Request(frame.color(), frame.depth_mm(), frame.intrinsics))
+    request = RecordedRequest(START_NS, "camera", RecognitionRequest(frame.color(), frame.depth_mm(), frame.intrinsics))
     with RecognitionBag(tmp_path / "in", lambda name: np.zeros((2, 3))) as writer:
         writer.add(request, Recognition(()))
     words = ["--method", "recognize_bag", "--models", dataset.folder / "models", "--bag", tmp_path / "in", "--rgb-topic", RGB]

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from zeroshop_steps.robot.camera import GivenCamera, read_camera_info, read_lens
+from zeroshop_steps.robot.goal_camera import FixedCamera, read_camera_info, read_lens
 from zeroshop_steps.runtime.errors import StepError
 
 MATRIX = [538.391, 0, 315.307, 0, 538.085, 233.048, 0, 0, 1]
@@ -16,7 +16,7 @@ MATRIX = [538.391, 0, 315.307, 0, 538.085, 233.048, 0, 0, 1]
 def test_the_matrix_is_read_row_by_row(name):
     message = SimpleNamespace(width=640, height=480, **{name: MATRIX})
     assert read_camera_info(message, 640, 480).tolist() == np.array(MATRIX).reshape(3, 3).tolist()
-    assert np.array_equal(read_camera_info(message, 640, 480), GivenCamera(538.391, 538.085, 315.307, 233.048).intrinsics_of(640, 480))
+    assert np.array_equal(read_camera_info(message, 640, 480), FixedCamera(538.391, 538.085, 315.307, 233.048).intrinsics_of(640, 480))
 
 
 K = np.array([[100.0, 0, 64], [0, 100, 48], [0, 0, 1]])

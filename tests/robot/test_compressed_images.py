@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from zeroshop_steps.geometry.depth_images import depth_to_mm
+from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
 from zeroshop_steps.robot.image_messages import read_color, read_depth
 from zeroshop_steps.runtime.errors import StepError
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.robot.goals import MessageTypes, answer_goal, read_confidences, read_pose
 from zeroshop_steps.robot.image_messages import write_image
-from zeroshop_steps.robot.recognition import Recognition, RecognizedObject, Request, make_frame
+from zeroshop_steps.robot.recognition import Recognition, RecognitionRequest, RecognizedObject, make_frame
 from zeroshop_steps.runtime.errors import StepError
 
 HEIGHT, WIDTH = 6, 8
@@ -45,7 +45,7 @@ class StandIn:
     def prepare(self) -> None:
         pass
 
-    def recognize(self, request: Request) -> Recognition:
+    def recognize(self, request: RecognitionRequest) -> Recognition:
         self.request = request
         make_frame(request)
         if self.error:

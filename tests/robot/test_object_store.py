@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from helpers.painted_scene import CAN, CARTON, can, carton
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.robot import object_store
 from zeroshop_steps.robot.object_store import ObjectStore
 from zeroshop_steps.runtime.errors import StepError

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from helpers.painted_scene import CAN, CARTON
-from zeroshop_steps.bop.models import read_models
-from zeroshop_steps.bop.pose_error import ModelPoints, mssd
+from zeroshop_steps.bop.formats.models import read_models
+from zeroshop_steps.bop.scoring.pose_error import ModelPoints, mssd
 from zeroshop_steps.detect.detector_io import ObjectMask
-from zeroshop_steps.geometry.images import read_image, read_mask
+from zeroshop_steps.geometry.imaging.images import read_image, read_mask
 from zeroshop_steps.methods import DETECTORS, ESTIMATORS, Method, lacks
 from zeroshop_steps.robot.object_store import ObjectStore
-from zeroshop_steps.robot.recognition import Request
-from zeroshop_steps.robot.recognizers import ObjectDetector, PoseEstimator, files_of, make_recognizers, parse_options
+from zeroshop_steps.robot.recognition import RecognitionRequest
+from zeroshop_steps.robot.recognizers import ObjectDetector, PreparedEstimator, files_of, make_recognizers, parse_options
 from zeroshop_steps.runtime.errors import StepError
 
 METHOD = Method("stand_in")
@@ -28,11 +28,11 @@ def store(dataset) -> ObjectStore:
 
 
 @pytest.fixture(scope="module")
-def request_of_all(dataset) -> Request:
+def request_of_all(dataset) -> RecognitionRequest:
     frame = dataset.frames[0]
     masks = tuple(read_mask(dataset.scene / "mask_visib" / f"000000_{index:06d}.png") for index in range(2))
     photo = read_image(dataset.scene / "rgb/000000.png")
-    return Request(photo, frame.depth_mm(), frame.intrinsics, (NAMES[CARTON], NAMES[CAN]), masks)
+    return RecognitionRequest(photo, frame.depth_mm(), frame.intrinsics, (NAMES[CARTON], NAMES[CAN]), masks)
 
 
 class Detects:
@@ -131,7 +131,7 @@ def test_an_estimator_that_compares_views_gets_them(store, request_of_all, monke
 
     monkeypatch.setattr(store, "views_of", lambda number: f"views of {number}")
     method = Compares()
-    PoseEstimator(method, None, store, replace(METHOD, templates=True)).recognize(request_of_all)
+    PreparedEstimator(method, None, store, replace(METHOD, templates=True)).recognize(request_of_all)
     assert method.views == [f"views of {CARTON}", f"views of {CAN}"]
 
 
@@ -140,15 +140,15 @@ def test_a_pose_that_cannot_be_estimated_is_left_out_with_a_remark(store, reques
     small[0, :3] = True
     method = Estimates()
     asked = replace(request_of_all, masks=(small, request_of_all.masks[1]), confidences={NAMES[CAN]: 0.25})
-    told = PoseEstimator(method, None, store, METHOD).recognize(asked)
+    told = PreparedEstimator(method, None, store, METHOD).recognize(asked)
     assert [one.name for one in told.objects] == [NAMES[CAN]] and method.scores == [1.0, 0.25]
     assert told.remarks == (f"mask 0: no pose of {NAMES[CARTON]} was found; too little of its depth was measured",)
     with pytest.raises(StepError, match="mask 1: no pose of"):
-        PoseEstimator(method, None, store, METHOD).recognize(replace(asked, masks=(small, small)))
+        PreparedEstimator(method, None, store, METHOD).recognize(replace(asked, masks=(small, small)))
 
 
 def test_boxes_stand_for_missing_masks(store, request_of_all):
-    told = PoseEstimator(Estimates(), None, store, METHOD).recognize(
+    told = PreparedEstimator(Estimates(), None, store, METHOD).recognize(
         replace(request_of_all, masks=(), boxes_px=((0, 0, 9, 9), (30, 20, 8, 7)))
     )
     assert [one.box_px for one in told.objects] == [(0, 0, 9, 9), (30, 20, 8, 7)] and told.objects[1].mask.sum() == 56
@@ -168,7 +168,7 @@ def test_boxes_stand_for_missing_masks(store, request_of_all):
 )
 def test_requests_that_cannot_be_answered_are_refused(store, request_of_all, changes, reason):
     with pytest.raises(StepError, match=reason):
-        PoseEstimator(Estimates(), None, store, METHOD).recognize(replace(request_of_all, **changes))
+        PreparedEstimator(Estimates(), None, store, METHOD).recognize(replace(request_of_all, **changes))
 
 
 @pytest.mark.slow

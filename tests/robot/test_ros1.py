@@ -10,7 +10,7 @@ import pytest
 
 from helpers.painted_scene import CAN, CARTON
 from helpers.paths import REPOSITORY
-from zeroshop_steps.geometry.images import read_mask
+from zeroshop_steps.geometry.imaging.images import read_mask
 
 pytestmark = pytest.mark.slow
 START_S = 120

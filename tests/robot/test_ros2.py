@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from helpers.paths import REPOSITORY
-from zeroshop_steps.robot.camera import GivenCamera, TopicCamera
+from zeroshop_steps.robot.goal_camera import FixedCamera, TopicCamera
 from zeroshop_steps.robot.goals import read_pose
 from zeroshop_steps.robot.image_messages import write_image
 from zeroshop_steps.robot.recognition import Recognition, RecognizedObject, make_frame
@@ -63,7 +63,7 @@ def goal(depth_m: float):
 def executor():
     told = []
     logger = SimpleNamespace(warning=told.append)
-    return GoalExecutor(StandIn(), GivenCamera(10, 10, 4, 3), bag_types(), threading.Lock(), logger), told
+    return GoalExecutor(StandIn(), FixedCamera(10, 10, 4, 3), bag_types(), threading.Lock(), logger), told
 
 
 def test_a_goal_succeeds_with_a_result_of_ros2(executor):
@@ -105,7 +105,7 @@ def test_there_is_a_server_for_each_recognizer(monkeypatch):
         vars(module).update(members)
         monkeypatch.setitem(sys.modules, name, module)
     node = SimpleNamespace(get_logger=lambda: None)
-    servers = start_servers(node, {"/object_detector/a": StandIn(), "/pose_estimator/b": StandIn()}, GivenCamera(10, 10, 4, 3))
+    servers = start_servers(node, {"/object_detector/a": StandIn(), "/pose_estimator/b": StandIn()}, FixedCamera(10, 10, 4, 3))
     assert len(servers) == 2 and [name for name, _, _ in made] == ["/object_detector/a", "/pose_estimator/b"]
     assert made[0][1] is action and made[1][2](Handle(goal(0.7))).success
 

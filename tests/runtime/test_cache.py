@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 import zeroshop_steps
-from zeroshop_steps.networks.salient_networks import network_path
+from zeroshop_steps.networks.saliency.salient_networks import network_path
 from zeroshop_steps.register import mast3r, vggt
 from zeroshop_steps.runtime import cache
 from zeroshop_steps.runtime.cache import Cached, cache_folder, check_cache, content_digest, entry_name, run_cached
@@ -184,9 +184,9 @@ def sources(folder: Path) -> Path:
         "__init__.py": "",
         "nvs/__init__.py": "",
         "nvs/train.py": "import numpy\ndef run(args):\n    from zeroshop_steps.nvs import kernels\n",
-        "nvs/kernels.py": "from zeroshop_steps.geometry.cameras import Camera\n",
+        "nvs/kernels.py": "from zeroshop_steps.geometry.cameras.pinhole import Camera\n",
         "nvs/unused.py": "",
-        "geometry/cameras.py": "class Camera: pass\n",
+        "geometry/cameras/pinhole.py": "class Camera: pass\n",
         "table.csv": "1\n",
     }.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -195,7 +195,7 @@ def sources(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("file", "counts"), [("nvs/kernels.py", True), ("geometry/cameras.py", True), ("table.csv", True), ("nvs/unused.py", False)]
+    ("file", "counts"), [("nvs/kernels.py", True), ("geometry/cameras/pinhole.py", True), ("table.csv", True), ("nvs/unused.py", False)]
 )
 def test_the_code_that_a_step_can_run_counts_and_no_other(tmp_path, file, counts):
     folder = sources(tmp_path)
@@ -206,7 +206,7 @@ def test_the_code_that_a_step_can_run_counts_and_no_other(tmp_path, file, counts
 
 def test_comments_and_docstrings_do_not_count(tmp_path):
     folder = sources(tmp_path)
-    path = folder / "geometry/cameras.py"
+    path = folder / "geometry/cameras/pinhole.py"
     path.write_text("def project(point):\n    return point[:2]\n")
     before = code_version("nvs.train", folder)
     path.write_text('"""Cameras."""\n\n\ndef project(point):  # to pixels\n    """Project it."""\n    return point[:2]\n')

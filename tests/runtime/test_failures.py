@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from zeroshop_steps.geometry.meshes import write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
 from zeroshop_steps.runtime import failures
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from zeroshop_steps.runtime import kernel_cache
-from zeroshop_steps.runtime.kernel_cache import VARIABLE, provide_kernel_cache
+from zeroshop_steps.runtime.compute import kernel_cache
+from zeroshop_steps.runtime.compute.kernel_cache import VARIABLE, provide_kernel_cache
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from helpers.running import run_snakemake
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.run_warnings import SHOWN, failures_since, repeat_warnings, warnings_since
 

@@ -6,8 +6,8 @@ import pytest
 import yaml
 
 from zeroshop_steps import methods
+from zeroshop_steps.runtime.config_files import config_changes, name_error, read_objects
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.settings import config_changes, name_error, read_objects
 
 HEADER = "dataset\tobject\timages\tmasks\theight_m"
 SCHEMA = "workflow/schemas/objects.schema.yaml"

@@ -6,7 +6,7 @@ import time
 import numba
 import pytest
 
-from zeroshop_steps.runtime.thread_pool import map_in_threads
+from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
 
 
 def test_results_keep_the_order_of_the_arguments() -> None:

@@ -5,12 +5,13 @@ import functools
 import numpy as np
 import pytest
 
-from zeroshop_steps.geometry.cameras import SparseModel, read_sparse_model
-from zeroshop_steps.geometry.images import read_depth_mm
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.synthetic import lighting, scene_meshes
+from zeroshop_steps.geometry.cameras.pinhole import SparseModel, read_sparse_model
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.imaging.images import read_depth_mm
 from zeroshop_steps.synthetic.demo_objects import write_demo_object
 from zeroshop_steps.synthetic.raycast import capture
+from zeroshop_steps.synthetic.rendering import lighting
+from zeroshop_steps.synthetic.scenes import scene_meshes
 
 WIDTH, HEIGHT = 240, 180
 TEXELS = 1024  # of the surface, along each side

@@ -6,16 +6,16 @@ import numpy as np
 import pycolmap
 import pytest
 
-from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.geometry.images import list_images, read_depth_mm, read_image, write_image
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.sparse_files import write_reconstruction
-from zeroshop_steps.geometry.srgb import linear_to_srgb, srgb_to_linear
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.cameras.sparse_files import write_reconstruction
+from zeroshop_steps.geometry.imaging.images import list_images, read_depth_mm, read_image, write_image
+from zeroshop_steps.geometry.imaging.srgb import linear_to_srgb, srgb_to_linear
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
-from zeroshop_steps.segment.color_gains import GAIN_RANGE, estimate_gains
-from zeroshop_steps.segment.exposure import apply_gain
-from zeroshop_steps.segment.shared_colors import SharedColors
+from zeroshop_steps.segment.photometry.color_gains import GAIN_RANGE, estimate_gains
+from zeroshop_steps.segment.photometry.exposure import apply_gain
+from zeroshop_steps.segment.photometry.shared_colors import SharedColors
 
 PHOTOS, POINTS = 12, 400
 

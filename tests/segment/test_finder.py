@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from helpers.table_scene import COUNT, ball_mask, table_views
-from zeroshop_steps.geometry.images import compute_overlap
+from zeroshop_steps.geometry.imaging.images import compute_overlap
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.exposure import Exposure
 from zeroshop_steps.segment.finder import find_all_on, find_masks
 from zeroshop_steps.segment.list_objects import SHOWN_WIDTH_PX, describe_objects, draw_objects
 from zeroshop_steps.segment.objects import NothingFound
+from zeroshop_steps.segment.photometry.exposure import Exposure
+from zeroshop_steps.segment.quality.mask_scores import REASONS
 from zeroshop_steps.segment.scene import read_mask_scene
-from zeroshop_steps.segment.scores import REASONS
 from zeroshop_steps.segment.support import propose_supports
 
 BALL = (0.0, 0.0, 0.5)

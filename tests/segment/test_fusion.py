@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from helpers.table_scene import ball_mask, table_views
-from zeroshop_steps.segment.exposure import Exposure
-from zeroshop_steps.segment.fusion import CHANNELS, CUES, MOST_ODDS, estimate_odds, load_fusion, prepare_channels
+from zeroshop_steps.segment.cues.fusion import CHANNELS, CUES, MOST_ODDS, estimate_odds, load_fusion, prepare_channels
+from zeroshop_steps.segment.photometry.exposure import Exposure
 from zeroshop_steps.segment.scene import Hull, read_mask_scene, start_guess
 from zeroshop_steps.segment.support import propose_supports
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
-from zeroshop_steps.geometry.images import compute_overlap
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.imaging.images import compute_overlap
 from zeroshop_steps.networks.grounding_dino import Box, choose_box
 from zeroshop_steps.networks.sam2 import TrackedMask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.grounded_sam import ImageSequence, find_masks
-from zeroshop_steps.segment.mask_agreement import find_corners, render_common_hull
+from zeroshop_steps.segment.quality.mask_agreement import find_corners, render_common_hull
 
 SIZE = (160, 120)
 MIDDLE, CORNER, WHOLE = Box((60, 40, 100, 80), 0.5), Box((0, 0, 40, 30), 0.55), Box((1, 1, 159, 119), 0.9)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from zeroshop_steps.geometry.images import read_image, write_image
+from zeroshop_steps.geometry.imaging.images import read_image, write_image
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.mask_quality import check_enough_good, compare_with_hull, describe_quality, touches_border
+from zeroshop_steps.segment.quality.mask_quality import check_enough_good, compare_with_hull, describe_quality, touches_border
 from zeroshop_steps.segment.record import show_rejected_masks
 
 NAMES = [f"{index:06d}.png" for index in range(10)]

@@ -7,7 +7,7 @@ import pytest
 
 from helpers.ball_scene import write_ball_scene
 from helpers.small_networks import write_detector, write_tracker
-from zeroshop_steps.geometry.images import compute_overlap, list_images, read_mask, write_mask
+from zeroshop_steps.geometry.imaging.images import compute_overlap, list_images, read_mask, write_mask
 from zeroshop_steps.register.scene.image_set import read_image_set
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.failures import Failure, write_failure

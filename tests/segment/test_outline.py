@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from zeroshop_steps.segment.outline import follow_edges
+from zeroshop_steps.segment.outlines.outline import follow_edges
 
 HEIGHT, WIDTH, CUT_WIDTH = 270, 480, 240
 

@@ -8,12 +8,12 @@ import pytest
 
 from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
 from helpers.small_saliency import DEVIATION, MEAN, NORMALIZATION, write_network
-from zeroshop_steps.geometry.images import compute_overlap, list_images, read_mask, write_image
-from zeroshop_steps.networks.object_finder import cut_main_things, keep_main_thing
-from zeroshop_steps.networks.salient_object import SalientObjectNetwork
+from zeroshop_steps.geometry.imaging.images import compute_overlap, list_images, read_mask, write_image
+from zeroshop_steps.networks.saliency.object_finder import cut_main_things, keep_main_thing
+from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.segment.mask_agreement import render_common_hull
+from zeroshop_steps.segment.quality.mask_agreement import render_common_hull
 
 OTHER = (1.3, 0.9, 0.2)
 

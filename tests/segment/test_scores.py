@@ -4,7 +4,7 @@ from dataclasses import fields, replace
 
 import pytest
 
-from zeroshop_steps.segment.scores import REASONS, Measures, score
+from zeroshop_steps.segment.quality.mask_scores import REASONS, Measures, score
 
 PERFECT = Measures(*(0.0,) * len(fields(Measures)))
 

@@ -9,14 +9,14 @@ import torch
 
 from helpers.ball_scene import write_ball_scene
 from helpers.small_networks import write_detector, write_tracker
-from zeroshop_steps.geometry.images import compute_overlap, list_images, read_mask
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.imaging.images import compute_overlap, list_images, read_mask
 from zeroshop_steps.networks.grounding_dino import Detector
 from zeroshop_steps.networks.sam2 import ObjectTracker
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.segment import grounded_sam
-from zeroshop_steps.segment.mask_agreement import find_corners
+from zeroshop_steps.segment.quality.mask_agreement import find_corners
 
 CPU = torch.device("cpu")
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from helpers.table_scene import table_views
-from zeroshop_steps.geometry.cameras import SparseModel
-from zeroshop_steps.geometry.scene_support import find_focus, fit_scene_support
+from zeroshop_steps.geometry.cameras.pinhole import SparseModel
+from zeroshop_steps.geometry.support.scene_support import find_focus, fit_scene_support
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.support import find_clusters, guess_supports, propose_supports
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from zeroshop_steps.segment.tidy_mask import tidy_mask
+from zeroshop_steps.segment.quality.tidy_mask import tidy_mask
 
 
 def test_islands_and_pinholes_go():

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from helpers.made_scene import made_scene
-from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
-from zeroshop_steps.geometry.crops import fit_object_sphere
-from zeroshop_steps.geometry.images import list_images, write_mask
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.cameras.object_crops import fit_object_sphere
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model, write_cameras
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.imaging.images import list_images, write_mask
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
-from zeroshop_steps.surface.training_views import make_seed_views, read_camera_set
+from zeroshop_steps.surface.rendering.training_views import make_seed_views, read_camera_set
 
 # Whether the cameras of a carton are bent, few rays tell as well.
 pytestmark = pytest.mark.usefixtures("few_rays")

@@ -5,7 +5,7 @@ import numpy as np
 
 from helpers.ball_scene import RADIUS, ball_cameras, ball_mask
 from helpers.camera_ring import ring_camera
-from zeroshop_steps.segment.voxels import VoxelGrid, carve, count_votes, render_shares, render_silhouettes, splat_voxels
+from zeroshop_steps.segment.support_voxels import VoxelGrid, carve, count_votes, render_shares, render_silhouettes, splat_voxels
 
 
 def test_silhouettes_of_something_tall_have_no_gaps():

@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.bop.export_models import write_model
-from zeroshop_steps.bop.models import list_objects, read_models
-from zeroshop_steps.bop.scene import read_scene, write_scene
+from zeroshop_steps.bop.formats.bop_scenes import read_scene, write_scene
+from zeroshop_steps.bop.formats.models import list_objects, read_models
 from zeroshop_steps.detect.templates import render_templates
-from zeroshop_steps.geometry.images import read_image
-from zeroshop_steps.geometry.ply_surface import read_ply
+from zeroshop_steps.geometry.imaging.images import read_image
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.grasp.antipodal import GraspOptions
 from zeroshop_steps.grasp.gripper import GRIPPERS
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.simulate.attempts import Trial
 from zeroshop_steps.simulate.camera import in_memory
+from zeroshop_steps.simulate.dynamics.lifting import settle
+from zeroshop_steps.simulate.dynamics.physical_body import write_body
+from zeroshop_steps.simulate.dynamics.physics import USUAL
 from zeroshop_steps.simulate.known_grasps import grasps_of_model
-from zeroshop_steps.simulate.lifting import settle
 from zeroshop_steps.simulate.perception import Perception
-from zeroshop_steps.simulate.physical_body import write_body
 from zeroshop_steps.simulate.physical_model import find_mass_kg, make_body
-from zeroshop_steps.simulate.physics import USUAL
 from zeroshop_steps.simulate.protocol import choose_poses
 from zeroshop_steps.simulate.protocol_images import FirstLook, photograph_rest
 from zeroshop_steps.simulate.robot import Robot

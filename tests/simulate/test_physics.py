@@ -7,9 +7,9 @@ import pytest
 
 from zeroshop_steps.grasp.gripper import GRIPPERS
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.simulate.lifting import lift, settle
-from zeroshop_steps.simulate.physical_body import PhysicalBody, read_body, write_body
-from zeroshop_steps.simulate.physics import GRAVITY, USUAL, Physics
+from zeroshop_steps.simulate.dynamics.lifting import lift, settle
+from zeroshop_steps.simulate.dynamics.physical_body import PhysicalBody, read_body, write_body
+from zeroshop_steps.simulate.dynamics.physics import GRAVITY, USUAL, Physics
 
 pytest.importorskip("mujoco", reason="needs zeroshop[robot]")
 HSR = GRIPPERS["hsr"]

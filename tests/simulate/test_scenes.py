@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 import trimesh
 
-from zeroshop_steps.bop.depth_render import DepthRenderer
 from zeroshop_steps.bop.export_models import write_model
-from zeroshop_steps.bop.models import list_objects, read_models
-from zeroshop_steps.bop.scene import HALF_PX, list_scenes, read_scene
+from zeroshop_steps.bop.formats.bop_scenes import HALF_PX, list_scenes, read_scene
+from zeroshop_steps.bop.formats.models import list_objects, read_models
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
 from zeroshop_steps.detect.templates import render_templates
-from zeroshop_steps.geometry.images import read_image
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
+from zeroshop_steps.geometry.imaging.images import read_image
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.runtime.tables import read_table
 from zeroshop_steps.simulate.camera import HEIGHT_PX, WIDTH_PX, hsr_camera
 from zeroshop_steps.simulate.layout import Layout
-from zeroshop_steps.synthetic.clutter import make_body
 from zeroshop_steps.synthetic.demo_objects import write_demo_object
+from zeroshop_steps.synthetic.scenes.clutter import make_body
 
 NAMES = ("gelatin_carton", "tomato_can")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from helpers.ball import ball_views
-from zeroshop_steps.surface.training_views import TrainingView
+from zeroshop_steps.surface.rendering.training_views import TrainingView
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,10 @@ import pytest
 
 from helpers import simulated_stereo
 from helpers.simulator import run_in_simulator
+from zeroshop_steps.runtime.compute.kernel_devices import has_cuda
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.kernel_devices import has_cuda
-from zeroshop_steps.surface.cpu_patchmatch import CpuPatchMatch
-from zeroshop_steps.surface.patchmatch import make_patchmatch
+from zeroshop_steps.surface.mvs.cpu_patchmatch import CpuPatchMatch
+from zeroshop_steps.surface.mvs.patchmatch import make_patchmatch
 
 
 def measure_agreement(found: list[np.ndarray], expected: list[np.ndarray]) -> float:
@@ -35,7 +35,7 @@ def test_a_device_finds_the_planes_that_the_cpu_finds_and_the_same_bytes_twice()
 
 
 def test_an_absent_device_is_refused_and_auto_does_without(monkeypatch):
-    monkeypatch.setattr("zeroshop_steps.runtime.kernel_devices.has_cuda", lambda: False)
+    monkeypatch.setattr("zeroshop_steps.runtime.compute.kernel_devices.has_cuda", lambda: False)
     nothing = np.zeros((3, 1, 1), np.float32)
     assert isinstance(make_patchmatch("auto", (), nothing, nothing), CpuPatchMatch)
     with pytest.raises(StepError, match="finds no CUDA device"):

@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from helpers.cup import RIM, camera_above, depth_of_cup
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.surface.depth_consistency import confirm_depths
-from zeroshop_steps.surface.training_views import TrainingView
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.surface.mvs.depth_consistency import confirm_depths
+from zeroshop_steps.surface.rendering.training_views import TrainingView
 
 RAISED = 0.15
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from helpers.cup import FLOOR, HALF, RESOLUTION, RIM, WALL, camera_above, cup, depth_of_cup, full_hull
-from zeroshop_steps.geometry.visual_hull import voxel_centres
-from zeroshop_steps.surface.free_space import HullDistanceField, carve_free_space
+from zeroshop_steps.geometry.observation.visual_hull import voxel_centres
+from zeroshop_steps.surface.mvs.free_space import HullDistanceField, carve_free_space
 
 
 def test_a_few_confirmed_depths_open_a_hollow_and_spare_its_walls() -> None:

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 import torch
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.surface.losses import depth_loss
-from zeroshop_steps.surface.pass_light import PassLight
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.surface.rendering.training_views import TrainingView
 from zeroshop_steps.surface.svraster import train as voxels
 from zeroshop_steps.surface.svraster.render import Rendering as VoxelRendering
 from zeroshop_steps.surface.svraster.settings import VoxelSettings
-from zeroshop_steps.surface.trainer import ViewPyramid
-from zeroshop_steps.surface.training_views import TrainingView
+from zeroshop_steps.surface.training.losses import depth_loss
+from zeroshop_steps.surface.training.pass_light import PassLight
+from zeroshop_steps.surface.training.trainer import ViewPyramid
 from zeroshop_steps.surface.twodgs import train as surfels
 from zeroshop_steps.surface.twodgs.render import Rendering as SurfelRendering
 from zeroshop_steps.surface.twodgs.settings import SurfelSettings

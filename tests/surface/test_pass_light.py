@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from helpers.ball import RADIUS, ball_views
-from zeroshop_steps.surface.pass_light import PassLight, light_basis
-from zeroshop_steps.surface.training_views import TrainingView
+from zeroshop_steps.surface.rendering.training_views import TrainingView
+from zeroshop_steps.surface.training.pass_light import PassLight, light_basis
 
 SIZE_PX = 48
 

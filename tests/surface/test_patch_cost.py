@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from helpers.ball import ball_view
-from zeroshop_steps.geometry.crops import STRIDE_PX
-from zeroshop_steps.surface.patch_cost import (
+from zeroshop_steps.geometry.cameras.object_crops import STRIDE_PX
+from zeroshop_steps.surface.mvs.patch_cost import (
     BEST_VIEWS,
     COST_MAX,
     PATCH_SIDE,

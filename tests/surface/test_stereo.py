@@ -10,14 +10,14 @@ import pytest
 import torch
 
 from helpers.ball import FOCAL_PX, RADIUS, SIZE_PX, ball_views
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.crops import STRIDE_PX, ObjectSphere
-from zeroshop_steps.geometry.visual_hull import VisualHull
+from zeroshop_steps.geometry.cameras.object_crops import STRIDE_PX, ObjectSphere
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.observation.visual_hull import VisualHull
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.surface.depth_consistency import find_seeds
-from zeroshop_steps.surface.patchmatch import estimate_depth_maps
-from zeroshop_steps.surface.seeds import Seeds, read_seeds, write_seeds
-from zeroshop_steps.surface.training_views import TrainingView, make_grid_view
+from zeroshop_steps.surface.mvs.depth_consistency import find_seeds
+from zeroshop_steps.surface.mvs.patchmatch import estimate_depth_maps
+from zeroshop_steps.surface.mvs.seeds import Seeds, read_seeds, write_seeds
+from zeroshop_steps.surface.rendering.training_views import TrainingView, make_grid_view
 
 SPHERE = ObjectSphere(np.array([10.0, -20.0, 5.0]), 80.0)
 

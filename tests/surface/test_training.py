@@ -7,12 +7,12 @@ import pytest
 import torch
 
 from helpers.ball import ball_initialization, ball_views
-from zeroshop_steps.surface.initialization import Initialization
+from zeroshop_steps.surface.rendering.training_views import TrainingView
 from zeroshop_steps.surface.svraster.initialization import initialize_voxels
 from zeroshop_steps.surface.svraster.settings import VoxelSettings
 from zeroshop_steps.surface.svraster.train import VoxelTrainer
-from zeroshop_steps.surface.trainer import Trainer, ViewPyramid, find_depth_targets
-from zeroshop_steps.surface.training_views import TrainingView
+from zeroshop_steps.surface.training.initialization import Initialization
+from zeroshop_steps.surface.training.trainer import Trainer, ViewPyramid, find_depth_targets
 from zeroshop_steps.surface.twodgs.settings import SurfelSettings
 from zeroshop_steps.surface.twodgs.surfels import initialize_surfels
 from zeroshop_steps.surface.twodgs.train import SurfelTrainer

@@ -9,7 +9,7 @@ import trimesh
 
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.synthetic import blender_tables
-from zeroshop_steps.synthetic.clutter import GAP_MM, drop_bodies, make_body
+from zeroshop_steps.synthetic.scenes.clutter import GAP_MM, drop_bodies, make_body
 
 SOLIDS = [trimesh.creation.box((80, 60, 30)), trimesh.creation.cylinder(30, 90), trimesh.creation.icosphere(3, 35)] * 2
 

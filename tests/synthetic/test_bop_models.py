@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from helpers.capture_box import BOX_SIZE_MM, write_box
-from zeroshop_steps.bop.models import measure_diameter_mm
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
+from zeroshop_steps.bop.formats.models import measure_diameter_mm
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.downloads import download
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
 
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.synthetic.demo_objects import list_demo_objects, write_demo_object

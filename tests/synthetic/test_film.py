@@ -9,15 +9,16 @@ import pytest
 
 from helpers.capture_box import box_mesh, write_box
 from zeroshop_steps.capture.video import extract_frames
-from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.geometry.images import list_images, read_mask
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
+from zeroshop_steps.geometry.imaging.images import list_images, read_mask
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.synthetic import lighting, table_scene, table_tops
 from zeroshop_steps.synthetic.board_scene import BOARD, place_empty_cameras
-from zeroshop_steps.synthetic.camera_rings import ObjectBounds
 from zeroshop_steps.synthetic.film import render_film
-from zeroshop_steps.synthetic.film_scene import BOARD_GAP_MM, CLEAR_VIEW_DEG, LEAST_GAP_MM, FilmRenderer, lay_table
-from zeroshop_steps.synthetic.handheld_camera import DURATION_S, ELEVATIONS_DEG, HandheldCamera, Lens
+from zeroshop_steps.synthetic.rendering import lighting
+from zeroshop_steps.synthetic.scenes import table_scene, table_tops
+from zeroshop_steps.synthetic.scenes.camera_rings import ObjectBounds
+from zeroshop_steps.synthetic.scenes.film_scene import BOARD_GAP_MM, CLEAR_VIEW_DEG, LEAST_GAP_MM, FilmRenderer, lay_table
+from zeroshop_steps.synthetic.scenes.handheld_camera import DURATION_S, ELEVATIONS_DEG, FilmLens, HandheldCamera
 
 SIZE_PX = (320, 180)
 FRAMES = 20
@@ -121,7 +122,7 @@ def test_a_plain_top_shows_little_print(name):
 
 
 def test_the_hand_goes_around_twice_in_two_heights_and_is_never_still():
-    hand = HandheldCamera(SUBJECT, 120.0, Lens(*SIZE_PX), np.random.default_rng(0))
+    hand = HandheldCamera(SUBJECT, 120.0, FilmLens(*SIZE_PX), np.random.default_rng(0))
     centres = np.array([hand.camera_at(time, "").centre_in_world for time in np.linspace(0, DURATION_S, 200)])
     azimuth = np.unwrap(np.arctan2(centres[:, 1], centres[:, 0]))
     assert azimuth[0] == pytest.approx(0, abs=0.2) and azimuth[-1] - azimuth[0] == pytest.approx(4 * np.pi, abs=0.5)

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.models import model_path, read_models
-from zeroshop_steps.bop.scene import read_scene
-from zeroshop_steps.bop.targets import read_target_frames, read_targets
-from zeroshop_steps.geometry.images import read_image, write_image
-from zeroshop_steps.geometry.meshes import write_ply
+from zeroshop_steps.bop.formats.bop_scenes import read_scene
+from zeroshop_steps.bop.formats.models import model_path, read_models
+from zeroshop_steps.bop.formats.targets import read_target_frames, read_targets
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
+from zeroshop_steps.geometry.imaging.images import read_image, write_image
+from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
 from zeroshop_steps.runtime.cli import stage_main
-from zeroshop_steps.synthetic.clutter import GAP_MM, choose_rest, make_body, place_bodies
-from zeroshop_steps.synthetic.distractors import make_distractor
 from zeroshop_steps.synthetic.make_test_scenes import choose_objects
-from zeroshop_steps.synthetic.table_scene import TILE_PX, merge_meshes
+from zeroshop_steps.synthetic.scenes.clutter import GAP_MM, choose_rest, make_body, place_bodies
+from zeroshop_steps.synthetic.scenes.distractors import make_distractor
+from zeroshop_steps.synthetic.scenes.table_scene import TILE_PX, merge_meshes
 
 
 @pytest.mark.slow

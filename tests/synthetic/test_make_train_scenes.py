@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.scene import read_scene
-from zeroshop_steps.geometry.images import read_image, read_mask, write_image
-from zeroshop_steps.geometry.meshes import write_ply
+from zeroshop_steps.bop.formats.bop_scenes import read_scene
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
+from zeroshop_steps.geometry.imaging.images import read_image, read_mask, write_image
+from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import write_json
-from zeroshop_steps.synthetic.distractors import make_distractor
 from zeroshop_steps.synthetic.raycast import capture
+from zeroshop_steps.synthetic.scenes.distractors import make_distractor
 
 
 @pytest.fixture(scope="module")

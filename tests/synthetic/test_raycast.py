@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.geometry.images import read_depth_mm, read_image, read_mask
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
+from zeroshop_steps.geometry.imaging.images import read_depth_mm, read_image, read_mask
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.synthetic.camera_rings import DISTANCE_IN_SIZES, ObjectBounds, Rings, place_capture_cameras
-from zeroshop_steps.synthetic.lighting import place_lights
 from zeroshop_steps.synthetic.raycast import capture
+from zeroshop_steps.synthetic.rendering.lighting import place_lights
+from zeroshop_steps.synthetic.scenes.camera_rings import DISTANCE_IN_SIZES, ObjectBounds, Rings, place_capture_cameras
 
 WIDTH, HEIGHT = 160, 120
 HALF_MM = np.array([20.0, 30.0, 50.0])

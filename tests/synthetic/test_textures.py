@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from zeroshop_steps.geometry.srgb import linear_to_srgb, srgb_to_linear
-from zeroshop_steps.synthetic.textures import LINEAR_OF_BYTE, build_pyramid, encode_srgb, sample_mip_levels
+from zeroshop_steps.geometry.imaging.srgb import linear_to_srgb, srgb_to_linear
+from zeroshop_steps.synthetic.rendering.textures import LINEAR_OF_BYTE, build_pyramid, encode_srgb, sample_mip_levels
 
 
 def look(pyramid, u, v, footprint=0.0):

@@ -6,7 +6,7 @@ import pytest
 
 from helpers.checkout import copy_checkout
 from helpers.planner import call_snakemake
-from zeroshop_steps.geometry.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.runtime.files import read_json
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -35,10 +35,10 @@ from pathlib import Path
 import numpy as np
 from skimage.measure import marching_cubes
 
-from zeroshop_steps.geometry.crops import fit_object_sphere
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.registered_views import read_object_masks, read_views
-from zeroshop_steps.geometry.visual_hull import VisualHull
+from zeroshop_steps.geometry.cameras.object_crops import fit_object_sphere
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
+from zeroshop_steps.geometry.cameras.registered_views import read_object_masks, read_views
+from zeroshop_steps.geometry.observation.visual_hull import VisualHull
 from zeroshop_steps.runtime.files import write_json
 
 METHOD = {"stereo": False}
@@ -69,8 +69,8 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from zeroshop_steps.geometry.images import read_mask
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.imaging.images import read_mask
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.files import write_json
 
 METHOD = {"stereo": False, "registration": False}

@@ -35,7 +35,7 @@ def finished(tmp_path_factory):
     ("module", "expected"),
     [
         ("evaluate/grade.py", {"evaluate", "publish"}),
-        ("finish/charts.py", {"texture", "evaluate", "publish"}),
+        ("finish/texturing/charts.py", {"texture", "evaluate", "publish"}),
         ("height/known.py", {"shape", "texture", "evaluate", "publish"}),
         ("height/marker.py", set()),
         ("finish/publish.py", {"publish"}),

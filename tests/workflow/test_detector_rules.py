@@ -8,9 +8,9 @@ from helpers.running import planned
 from helpers.small_dataset import CAN, make_dataset
 from helpers.small_detectors import save_describer, save_fastsam
 from helpers.small_sam6d import write_pem
-from zeroshop_steps.bop.detections import read_detections
-from zeroshop_steps.bop.estimates import read_estimates
-from zeroshop_steps.bop.targets import Target, write_targets
+from zeroshop_steps.bop.formats.detections import read_detections
+from zeroshop_steps.bop.formats.estimates import read_estimates
+from zeroshop_steps.bop.formats.targets import Target, write_targets
 
 RULES = ("templates", "cnos", "estimate_poses")
 SMALL = "detect={cnos: {proposals: fastsam, describer: small}}"

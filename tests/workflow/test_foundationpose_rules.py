@@ -7,8 +7,8 @@ import pytest
 from helpers.running import planned
 from helpers.small_dataset import CAN, make_dataset
 from helpers.small_foundationpose import write_checkpoints
-from zeroshop_steps.bop.estimates import read_estimates
-from zeroshop_steps.bop.targets import Target, write_targets
+from zeroshop_steps.bop.formats.estimates import read_estimates
+from zeroshop_steps.bop.formats.targets import Target, write_targets
 
 NAMED = ("--config", "tables={estimators: [foundationpose], detectors: [contour], nvs: [2dgs]}")
 

@@ -9,15 +9,15 @@ import torch
 
 from helpers.mast3r_cases import SMALL, parameters
 from helpers.running import planned
-from zeroshop_steps.geometry.crops import fit_object_sphere
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import write_ply
-from zeroshop_steps.geometry.visual_hull import VisualHull
+from zeroshop_steps.geometry.cameras.object_crops import fit_object_sphere
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
+from zeroshop_steps.geometry.observation.visual_hull import VisualHull
 from zeroshop_steps.networks.mast3r.model import MASt3R, Mast3rSettings
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import write_json
-from zeroshop_steps.surface.seeds import Seeds, write_seeds
-from zeroshop_steps.surface.training_views import make_grid_view, make_seed_views, read_camera_set
+from zeroshop_steps.surface.mvs.seeds import Seeds, write_seeds
+from zeroshop_steps.surface.rendering.training_views import make_grid_view, make_seed_views, read_camera_set
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 from helpers.paths import REPOSITORY
 from helpers.running import planned
 from helpers.small_dataset import make_dataset
-from zeroshop_steps.report.thesis_plan import list_marks, say_costs
+from zeroshop_steps.report.published.thesis_plan import list_marks, say_costs
 from zeroshop_steps.runtime.failures import read_failure
 
 THESIS = ["--configfile", str(REPOSITORY / "config/thesis.yaml")]

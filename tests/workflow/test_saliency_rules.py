@@ -8,7 +8,7 @@ import pytest
 
 from helpers.ball_scene import write_ball_scene
 from helpers.paths import REPOSITORY
-from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS
+from zeroshop_steps.networks.saliency.salient_networks import DEFAULT, NETWORKS
 
 SEGMENTED = "results/photos/ball/video/auto/cameras"
 OBJECT = "results/photos/ball/video_segmented/capture"

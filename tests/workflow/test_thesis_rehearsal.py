@@ -15,8 +15,8 @@ from helpers.planner import call_snakemake
 from helpers.rehearsal import WEIGHTS, clone_project, paint_models, serve, write_published
 from helpers.running import planned
 from helpers.small_dataset import BOX, CAN, make_dataset
-from zeroshop_steps.bop.targets import Target, write_targets
-from zeroshop_steps.report.thesis_plan import REGISTRATIONS
+from zeroshop_steps.bop.formats.targets import Target, write_targets
+from zeroshop_steps.report.published.thesis_plan import REGISTRATIONS
 from zeroshop_steps.runtime.tables import read_table
 
 pytestmark = [pytest.mark.faults, pytest.mark.timeout(3600)]

@@ -14,7 +14,7 @@ from PIL import Image
 
 from helpers.mixed_views import mix_views
 from helpers.running import command_and_environment, planned, run_snakemake
-from zeroshop_steps.geometry.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.runtime.failures import read_failure
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]

@@ -9,8 +9,8 @@ import pytest
 from helpers.running import planned
 from helpers.small_trellis import write_encoder, write_networks
 from zeroshop_steps import methods
-from zeroshop_steps.geometry.meshes import write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
 from zeroshop_steps.runtime.files import write_json
 
 CELL = "results/photos/box/video/colmap"

@@ -2,7 +2,7 @@
 
 import math
 
-from zeroshop_steps.geometry.image_files import is_text
+from zeroshop_steps.geometry.imaging.image_files import is_text
 from zeroshop_steps.runtime.errors import remedy_for
 
 # The scenes of later passes, for which the object was turned over, and the columns that name their pictures; and all passes joined (join.smk).

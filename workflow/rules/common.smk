@@ -12,7 +12,7 @@ from zeroshop_steps import methods
 from zeroshop_steps.runtime.cache import check_cache
 from zeroshop_steps.runtime.code_version import source_version
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.settings import check_config, name_error, read_config_schema, read_objects
+from zeroshop_steps.runtime.config_files import check_config, name_error, read_config_schema, read_objects
 
 PROJECT = Path(workflow.snakefile).parents[2]
 # Paths that the config names count from the clone; where the workflow came with the package, from the working directory.

@@ -4,7 +4,7 @@ results/DATASET/report/index.html        the gallery and the tables
 results/DATASET/report/objects/OBJECT    the page of an object
 """
 
-from zeroshop_steps.runtime.settings import config_changes
+from zeroshop_steps.runtime.config_files import config_changes
 
 REPORT = f"{RESULTS}/{{dataset}}/report"
 

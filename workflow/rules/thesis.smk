@@ -4,7 +4,7 @@ results/ycbv/report/thesis/index.html   the page, which `snakemake thesis` makes
                                         figure, other_kinds.csv one per figure of ours that is none of these
 """
 
-from zeroshop_steps.report import thesis_plan
+from zeroshop_steps.report.published import thesis_plan
 
 THESIS = f"{REPORT}/thesis".format(dataset="ycbv")
 

@@ -10,7 +10,7 @@ import re
 
 from snakemake.logging import logger
 
-from zeroshop_steps.networks import salient_networks
+from zeroshop_steps.networks.saliency import salient_networks
 from zeroshop_steps.networks.weights import look_up_weights, read_table as weights_table
 
 

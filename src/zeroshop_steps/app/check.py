@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.app.moved_things import MOST_STEPS, PIECES, SIDE_PX, Piece, follow_points, judge_motion
-from zeroshop_steps.app.project import find_weights_home
+from zeroshop_steps.app.project_folders import find_weights_home
 from zeroshop_steps.app.turning import measure_turn_deg
 from zeroshop_steps.capture.bridging import SHARED_FEATURES, Features, count_shared, find_features
-from zeroshop_steps.capture.frames import (
+from zeroshop_steps.capture.frame_quality import (
     collect_image_warnings,
     look_alike,
     make_thumbnail,
@@ -28,16 +28,15 @@ from zeroshop_steps.capture.mask_names import split_masks
 from zeroshop_steps.capture.photo_files import is_cut_out, list_photos, open_picture, read_cut_out, read_photo
 from zeroshop_steps.capture.photos import MIN_IMAGES, MOST_IMAGES
 from zeroshop_steps.capture.video import choose_frames, read_frames, read_numbers, scan_video
-from zeroshop_steps.geometry.images import measure_border_share
-from zeroshop_steps.geometry.registered_views import space_evenly
-from zeroshop_steps.geometry.view_similarity import count_common_features, describe_view
-from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS
-from zeroshop_steps.networks.salient_object import SalientObjectNetwork
+from zeroshop_steps.geometry.cameras.registered_views import space_evenly
+from zeroshop_steps.geometry.imaging.image_overlap import count_common_features, describe_view
+from zeroshop_steps.geometry.imaging.images import measure_border_share
+from zeroshop_steps.networks.saliency.salient_networks import DEFAULT, NETWORKS
+from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.progress import track
 
 ENOUGH_IMAGES = 20  # different ones; with fewer, a warning asks for more
-FRAMES = 20  # of a film that are judged
 PARTNERS = 3  # photos that each is compared with, those most like it
 LONELY_SHARE = 0.25
 """Of the photos may share too little with any other: up to 0.16 where cameras came out right (bananas on a carpet, a kitchen table,
@@ -183,7 +182,7 @@ def _open_folder(folder: Path) -> tuple[int, Iterator[tuple[str, np.ndarray | No
 def _open_film(video: Path) -> tuple[int, Iterator[tuple[str, np.ndarray | None]], Iterator[Piece]]:
     """How many frames of a film are judged, their names and pixels, and points that are followed through pieces of it."""
     scan = scan_video(video)
-    chosen = choose_frames(scan, FRAMES)
+    chosen = choose_frames(scan, 20)
     starts = space_evenly(max(1, len(scan.changes) - MOST_STEPS), PIECES)
     frames = ((f"frame {number}", frame) for number, frame in read_numbers(video, chosen))
     return len(chosen), frames, follow_points(read_frames(video), starts)

@@ -13,7 +13,7 @@ import click
 
 from zeroshop_steps import __version__
 from zeroshop_steps.methods import SURFACES
-from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS
+from zeroshop_steps.networks.saliency.salient_networks import DEFAULT, NETWORKS
 from zeroshop_steps.runtime.errors import StepError, explain_machine_fault
 
 DESCRIPTION = """\
@@ -92,7 +92,7 @@ def mesh(board: str | None, objects: str | None, opens: bool, cores: int, **aske
 
     Give up to three, for which the object is turned over in between. The command's name may be left out: `zeroshop photos/mug`.
     """
-    from zeroshop_steps.app.reconstruction import Request, make_mesh
+    from zeroshop_steps.app.reconstruct_object import Request, make_mesh
     from zeroshop_steps.app.several_objects import make_meshes
 
     start_s, done = time.time(), []
@@ -111,7 +111,7 @@ def check(source: Path) -> int:
     """Judge photos or a film in a minute, before anything long runs."""
     from zeroshop_steps.app.check import check_capture
     from zeroshop_steps.app.importing import find_source
-    from zeroshop_steps.app.reconstruction import require_source
+    from zeroshop_steps.app.reconstruct_object import require_source
 
     with tempfile.TemporaryDirectory() as folder:  # what other programs wrote is imported there
         problems, warnings = check_capture(find_source(require_source(source), Path(folder), "checked").images)
@@ -131,7 +131,7 @@ def check(source: Path) -> int:
 @_of_mesh
 def export(kind: str, name: str, method: str, cores: int, into: Path) -> int:
     """Export a mesh that was made: urdf, mjcf, usd, usdz, body, foundationpose, nerfstudio or colmap."""
-    from zeroshop_steps.app.reconstruction import find_outcome
+    from zeroshop_steps.app.reconstruct_object import find_outcome
 
     print(f"Export    {find_outcome(name, method, into, cores).export(kind)}")
     return 0
@@ -143,7 +143,7 @@ def export(kind: str, name: str, method: str, cores: int, into: Path) -> int:
 @_of_mesh
 def grasp(name: str, method: str, cores: int, into: Path) -> int:
     """Find grasps of a mesh that was made, with a picture of them."""
-    from zeroshop_steps.app.reconstruction import find_outcome
+    from zeroshop_steps.app.reconstruct_object import find_outcome
 
     outcome = find_outcome(name, method, into, cores)
     print(f"Grasps    {outcome.make(outcome.cell / 'grasps.json')}\n          {outcome.make(outcome.cell / 'grasps.png')}")
@@ -178,7 +178,7 @@ def import_(
 ) -> int:
     """Bring a capture with known cameras into the common form: COLMAP, nerfstudio, instant-ngp, BOP, FoundationPose, Middlebury, boards."""
     from zeroshop_steps.app.importing import import_capture
-    from zeroshop_steps.app.reconstruction import require_source
+    from zeroshop_steps.app.reconstruct_object import require_source
     from zeroshop_steps.capture.adapters.form import ImportOptions
 
     what = import_capture(require_source(source), out, ImportOptions(unit, object_id, board), position_deviation, rotation_deviation)
@@ -213,7 +213,7 @@ def workflow() -> None:
 @click.argument("folder", type=click.Path(path_type=Path))
 def init(folder: Path) -> int:
     """Lay out a project: Snakefile, config.yaml and objects.tsv."""
-    from zeroshop_steps.app.project import init_project
+    from zeroshop_steps.app.project_folders import init_project
 
     for path in init_project(folder):
         print(f"Written   {path}")
@@ -247,7 +247,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _make_report(folder: Path, cores: int, opens: bool) -> bool:
     """Make the report of all objects so far, and perhaps open it."""
-    from zeroshop_steps.app.captures import TABLE
+    from zeroshop_steps.app.captures_table import TABLE
     from zeroshop_steps.app.workflow import run_workflow
 
     index, log = folder / "results/photos/report/index.html", folder / "results/photos/report/logs/zeroshop.log"

@@ -15,7 +15,7 @@ from pathlib import Path
 import psutil
 
 from zeroshop_steps import __version__, methods
-from zeroshop_steps.app.project import find_weights_home, list_everyday_weights
+from zeroshop_steps.app.project_folders import find_weights_home, list_everyday_weights
 from zeroshop_steps.networks.devices import RESERVE
 from zeroshop_steps.networks.weights import look_up_weights
 from zeroshop_steps.runtime.errors import StepError
@@ -53,7 +53,7 @@ class Need:
 
 def foresee() -> list[Need]:
     """The networks of the thesis."""
-    from zeroshop_steps.detect import cnos, proposals
+    from zeroshop_steps.detect import cnos, mask_proposals
     from zeroshop_steps.networks.trellis.memory import predict_memory
     from zeroshop_steps.networks.trellis.settings import TrellisSettings
     from zeroshop_steps.networks.vggt.settings import VggtSettings
@@ -69,9 +69,9 @@ def foresee() -> list[Need]:
             most, least = (predict(chunk=CHUNKS["cuda"][end]) for end in (0, -1))
             found.append(Need(f"VGGT, {name} precision: cameras of {images} images", least / 1e9, most / 1e9, share=1.0))
     describer, _ = cnos.METHOD["models"]["describer"]
-    shared = proposals.BASE_BYTES + (look_up_weights(f"{describer}/model.safetensors").size_bytes or 0)
-    fast = (shared + proposals.FASTSAM_BYTES) / 1e9
-    slow = (shared + SAM_BYTES + proposals.ATTENTION_COPIES * SAM_ATTENTION_BYTES) / 1e9
+    shared = mask_proposals.BASE_BYTES + (look_up_weights(f"{describer}/model.safetensors").size_bytes or 0)
+    fast = (shared + mask_proposals.FASTSAM_BYTES) / 1e9
+    slow = (shared + SAM_BYTES + mask_proposals.ATTENTION_COPIES * SAM_ATTENTION_BYTES) / 1e9
     trellis = predict_memory(TrellisSettings()).peak_bytes / 1e9
     return [
         *found,

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from zeroshop_steps.capture.adapters import list_known, recognize
 from zeroshop_steps.capture.adapters.form import ImportOptions, write_common_form
-from zeroshop_steps.capture.given_cameras import FILE, read_given_cameras
+from zeroshop_steps.capture.cameras_json import FILE, read_given_cameras
 from zeroshop_steps.capture.photo_files import list_photos
-from zeroshop_steps.geometry.image_files import list_folder
+from zeroshop_steps.geometry.imaging.image_files import list_folder
 from zeroshop_steps.methods import HEIGHTS
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write

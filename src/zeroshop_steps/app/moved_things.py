@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.capture.frames import bound_to_grey
+from zeroshop_steps.capture.frame_quality import bound_to_grey
 
 SIDE_PX = 640  # longer side of the copies in which points are followed
 POINTS, QUALITY, APART_PX = 1500, 0.003, 6  # of the corners that are followed

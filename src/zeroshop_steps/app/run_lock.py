@@ -15,7 +15,6 @@ from zeroshop_steps.runtime.files import read_json, write_json
 
 NOTE = ".snakemake/zeroshop_run.json"
 LOCKS = ".snakemake/locks"
-SAME_S = 2.0  # between two readings of when a process began: clocks are set while it runs
 
 
 def note_run(folder: Path, process: int) -> None:
@@ -38,7 +37,8 @@ def free_dead_lock(folder: Path, command: Sequence[str]) -> bool:
 def _may_run(process: int, began_s: float | None) -> bool:
     """Whether there is a process of this number that began then; after a restart of the machine, another one has it soon."""
     now_s = _find_start_s(process)
-    return now_s is not None and (began_s is None or abs(now_s - began_s) < SAME_S)
+    # Clocks may be set between two readings of when a process began.
+    return now_s is not None and (began_s is None or abs(now_s - began_s) < 2.0)
 
 
 def _find_start_s(process: int) -> float | None:

@@ -5,8 +5,8 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 
-from zeroshop_steps.app.captures import add_capture
-from zeroshop_steps.app.reconstruction import Outcome, Request, describe_run, prepare, run_for
+from zeroshop_steps.app.captures_table import add_capture
+from zeroshop_steps.app.reconstruct_object import Outcome, Request, describe_run, prepare, run_for
 from zeroshop_steps.app.workflow import read_chosen_cell
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json

@@ -16,14 +16,14 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from zeroshop_steps.app.project import find_project, find_weights_home
+from zeroshop_steps.app.project_folders import find_project, find_weights_home
 from zeroshop_steps.app.run_lock import free_dead_lock, note_run
 from zeroshop_steps.methods import BY_GIVEN_CAMERAS, REGISTRATIONS
-from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS, NONE, find_network
+from zeroshop_steps.networks.saliency.salient_networks import DEFAULT, NETWORKS, NONE, find_network
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
+from zeroshop_steps.runtime.config_files import read_yaml
 from zeroshop_steps.runtime.failures import IN_FOLDER, read_failure
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.runtime.settings import read_yaml
 
 TYPICAL_S = {
     "capture_photos": 2, "register_photos": 44, "segment": 13, "capture_object": 13, "stereo": 16, "train_2dgs": 25, "fuse_2dgs": 8,

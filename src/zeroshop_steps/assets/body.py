@@ -12,8 +12,8 @@ import numpy as np
 from zeroshop_steps.assets.body_files import FRAME_TEXT, GENERATED_FRAME_TEXT, RECORD, write_part_obj, write_textured_obj
 from zeroshop_steps.assets.convex_parts import split_convex
 from zeroshop_steps.assets.mass import find_mass
-from zeroshop_steps.geometry.metric_mesh import add_mesh_arguments, read_metric_mesh
-from zeroshop_steps.geometry.solids import Solid, measure_solid
+from zeroshop_steps.geometry.meshes.mass_properties import Solid, measure_solid
+from zeroshop_steps.geometry.meshes.metric_mesh import add_mesh_arguments, read_metric_mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, write_json
 

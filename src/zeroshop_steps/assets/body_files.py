@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.surface_parts import with_texture
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.surface_parts import with_texture
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import Record, read_json
 

@@ -13,10 +13,10 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.assets.object_frame import read_object_from_registration
-from zeroshop_steps.geometry.metric_mesh import add_mesh_arguments
-from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.geometry.sparse_files import read_reconstruction, write_reconstruction
-from zeroshop_steps.geometry.transforms import compute_scale
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction, write_reconstruction
+from zeroshop_steps.geometry.cameras.transforms import compute_scale
+from zeroshop_steps.geometry.meshes.metric_mesh import add_mesh_arguments
 from zeroshop_steps.runtime.files import atomic_directory
 
 

@@ -5,13 +5,12 @@ from types import ModuleType
 
 import numpy as np
 
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.open3d_loader import o3d
 
 DECOMPOSED_FACES = 2500  # of a simplified mesh: parts follow a concavity to some per cent, whatever the mesh's detail
 RESOLUTION, ITERATIONS = 1000, 60  # of CoACD's search; its own defaults take three times as long, for parts that are as many
-MOST_CORNERS = 64  # of a part: what PhysX takes for a convex mesh
 SLIVER, SLIVER_M3 = 1e-5, 1e-12  # of the mesh's volume, and at all (a cube of 0.1 mm): a smaller part is flat, and simulators refuse it
 
 
@@ -43,7 +42,8 @@ def split_convex(mesh: Mesh, threshold: float, most_parts: int, seed: int, load:
         max_convex_hull=most_parts,
         resolution=RESOLUTION,
         mcts_iterations=ITERATIONS,
-        max_ch_vertex=MOST_CORNERS,
+        # What PhysX takes for a convex mesh.
+        max_ch_vertex=64,
         decimate=True,
         seed=seed,
     )

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.assets.body_files import FRAME_TEXT, GENERATED_FRAME_TEXT, write_textured_obj
-from zeroshop_steps.geometry.metric_mesh import add_mesh_arguments, read_metric_mesh
+from zeroshop_steps.geometry.meshes.metric_mesh import add_mesh_arguments, read_metric_mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, write_json
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps.assets.object_frame import read_object_from_registration
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.metric_mesh import add_mesh_arguments
-from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.transforms import OPENCV_FROM_OPENGL, transform_camera, transform_points
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import View, read_views
+from zeroshop_steps.geometry.cameras.transforms import OPENCV_FROM_OPENGL, transform_camera, transform_points
+from zeroshop_steps.geometry.meshes.metric_mesh import add_mesh_arguments
 from zeroshop_steps.runtime.files import atomic_directory, write_json
 
 POINTS = "sparse_pc.ply"

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.geometry.metric_mesh import METRES_PER_MM, read_metric_mesh
+from zeroshop_steps.geometry.meshes.metric_mesh import read_metric_mesh
+from zeroshop_steps.geometry.meshes.units import M_PER_MM
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
@@ -25,5 +26,5 @@ def read_object_from_registration(mesh: Path, unknown_scale: str) -> np.ndarray:
     if frame is None:
         raise StepError(f"{record} does not say how the mesh lies among the cameras (frame_facts); take the mesh of a cell")
     similarity = np.array(frame, float)
-    similarity[:3] *= METRES_PER_MM
+    similarity[:3] *= M_PER_MM
     return similarity

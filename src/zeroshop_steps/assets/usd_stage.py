@@ -10,8 +10,6 @@ import numpy as np
 from zeroshop_steps.assets.body_files import TEXTURE, VISUAL, Body
 from zeroshop_steps.runtime.errors import StepError
 
-ROUGHNESS = 0.9  # as in the GLB: nearly matt, since the texture already shows the light of the photos
-
 
 def load_pxr() -> Any:
     """The modules of usd-core. Raises StepError where it is missing."""
@@ -109,7 +107,8 @@ def _add_surface(pxr: Any, stage: Any, place: str, texture: str | None) -> Any:
     material = pxr.UsdShade.Material.Define(stage, place)
     shader = pxr.UsdShade.Shader.Define(stage, f"{place}/shader")
     shader.CreateIdAttr("UsdPreviewSurface")
-    shader.CreateInput("roughness", types.Float).Set(ROUGHNESS)
+    # As in the GLB: nearly matt, since the texture already shows the light of the photos.
+    shader.CreateInput("roughness", types.Float).Set(0.9)
     shader.CreateInput("metallic", types.Float).Set(0.0)
     material.CreateSurfaceOutput().ConnectToSource(shader.CreateOutput("surface", types.Token))
     color = shader.CreateInput("diffuseColor", types.Color3f)

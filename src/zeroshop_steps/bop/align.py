@@ -14,15 +14,15 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.similarity_icp import SimilarityFit, SimilarityRefiner
-from zeroshop_steps.bop.similarity_search import search_similarities
-from zeroshop_steps.bop.symmetry import list_symmetry_transforms
-from zeroshop_steps.geometry.mesh_files import read_mesh
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.support_classes import with_surface_support
-from zeroshop_steps.geometry.surface_distance import measure_distances
-from zeroshop_steps.geometry.surface_points import sample_surface_points
-from zeroshop_steps.geometry.transforms import compute_scale, transform_points
+from zeroshop_steps.bop.formats.symmetry import list_symmetry_transforms
+from zeroshop_steps.geometry.alignment.similarity_icp import SimilarityFit, SimilarityRefiner
+from zeroshop_steps.geometry.alignment.similarity_search import search_similarities
+from zeroshop_steps.geometry.alignment.surface_distance import measure_distances
+from zeroshop_steps.geometry.alignment.surface_points import sample_surface_points
+from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_points
+from zeroshop_steps.geometry.meshes.mesh_files import read_mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.observation.support_classes import with_surface_support
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json, write_json
 
@@ -31,7 +31,6 @@ SOURCE_SAMPLES, TARGET_SAMPLES = 8000, 40000  # of the mesh and of the model; th
 WORST_MESH_DIAMETERS, WORST_TRUTH_DIAMETERS = 0.02, 0.1
 METRES = (500.0, 2000.0)  # scales that say that the mesh is in metres
 PLAUSIBLE_SCALE = (0.8, 1.25)  # scales that need no notice; a mesh with a measured height is within a few per cent
-DIGITS = 7  # of the transform in the JSON
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,7 +63,7 @@ def run(args: argparse.Namespace) -> None:
     notice = describe_scale(figures["scale"])
     if notice:
         warn(f"{args.mesh}: {notice}")
-    content = {"truth_from_mesh": np.round(fit.transform, DIGITS).tolist(), **figures, "notice": notice, "model_info": info}
+    content = {"truth_from_mesh": np.round(fit.transform, 7).tolist(), **figures, "notice": notice, "model_info": info}
     write_json(args.out, content | {"seconds": round(time.monotonic() - start_s, 2)})
     print(f"aligned: {figures['mesh_to_truth_mm']:.2f} mm from the truth, scale {figures['scale']:.4f}", file=sys.stderr)
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zeroshop_steps.bop.depth_render import DepthRenderer
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
 
 SAME_SURFACE_MM = 0.5  # of depth: an object this far behind the rendered scene is visible; the two renderings differ by rounding only
 

@@ -12,13 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.bop.export_models import write_model
-from zeroshop_steps.bop.models import read_models, read_models_info
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.bop.formats.models import read_models, read_models_info
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, write_json
 
-LOOKS_DOWN = -0.5
-"""z of the unit normal of a face that looks down."""
 LOWEST_SHARE = 0.1
 """Of the height."""
 
@@ -90,6 +88,6 @@ def open_underside(mesh: Mesh) -> Mesh:
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     low, high = mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()
-    down = normals[:, 2] < LOOKS_DOWN * np.linalg.norm(normals, axis=1)
+    down = normals[:, 2] < -0.5 * np.linalg.norm(normals, axis=1)
     lowest = corners[:, :, 2].mean(1) < low + LOWEST_SHARE * (high - low)
     return replace(mesh, faces=mesh.faces[~(down & lowest)]).without_loose_vertices()

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.models import describe_model, model_path
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.support_classes import with_surface_support
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.bop.formats.models import describe_model, model_path
+from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
+from zeroshop_steps.geometry.observation.support_classes import with_surface_support
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json

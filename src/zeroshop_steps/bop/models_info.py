@@ -3,9 +3,9 @@
 import argparse
 from pathlib import Path
 
-from zeroshop_steps.bop.models import describe_model, list_model_files
+from zeroshop_steps.bop.formats.models import describe_model, list_model_files
 from zeroshop_steps.bop.shape_symmetry import find_symmetries
-from zeroshop_steps.geometry.mesh_files import read_mesh
+from zeroshop_steps.geometry.meshes.mesh_files import read_mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
 

@@ -13,15 +13,15 @@ import cv2
 import numpy as np
 import pandas as pd
 
-from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.detections import Detection, decode_mask, read_detections
-from zeroshop_steps.bop.estimates import Estimates, read_estimates
-from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
-from zeroshop_steps.bop.poses import make_transform
-from zeroshop_steps.bop.scene import Frame
-from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets, size_finder
-from zeroshop_steps.geometry.images import read_image, write_image
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.bop.formats.bop_scenes import Frame
+from zeroshop_steps.bop.formats.detections import Detection, decode_mask, read_detections
+from zeroshop_steps.bop.formats.estimates import Estimates, read_estimates
+from zeroshop_steps.bop.formats.models import ObjectModel, list_objects, read_models
+from zeroshop_steps.bop.formats.pose_checks import make_transform
+from zeroshop_steps.bop.formats.targets import Frames, Target, read_target_frames, read_targets, size_finder
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
+from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.geometry.imaging.images import read_image, write_image
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory
 
@@ -32,10 +32,7 @@ TILE_MARGIN, LEAST_MARGIN_PX = 1.3, 16  # side of a tile: 1.3 times the longer s
 TRUE_COLOR, ESTIMATED_COLOR = (40, 220, 40), (255, 40, 40)
 AXIS_COLORS = ((255, 60, 60), (60, 220, 60), (80, 80, 255))  # x, y, z: red, green, blue, bright enough for dark photos
 BLACK, WHITE = (0, 0, 0), (255, 255, 255)
-AXIS_DIAMETERS = 0.3  # length of the drawn axes
 NEAREST_MM = 1.0  # axes with an end closer to the camera plane are not drawn
-HUE_STEP = 67  # between the colours of consecutive objects, of OpenCV's 180; neighbours differ clearly
-BRIGHT = (200, 255)  # saturation and value of these colours, of 255
 MASK_TINT = 0.5  # share of the object's colour in a detected mask
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 CAPTION_SCALE, CAPTION_LEFT_PX, CAPTION_BASELINES_PX = 0.42, 4, (17, 36)  # two lines fit a caption's height, 45 letters its width
@@ -131,7 +128,7 @@ def draw_poses(
         _draw_outline(
             image, renderers[number].render(pose, frame.intrinsics, width, height).image(width, height) > 0, choose_color(number), 2
         )
-        ends = np.concatenate([np.zeros((1, 3)), np.eye(3)]) * AXIS_DIAMETERS * models[number].diameter_mm
+        ends = np.concatenate([np.zeros((1, 3)), np.eye(3)]) * 0.3 * models[number].diameter_mm
         projected = transform_points(ends, pose) @ frame.intrinsics.T
         if (projected[:, 2] <= NEAREST_MM).any():
             continue
@@ -187,7 +184,8 @@ def draw_worst(
 
 def choose_color(number: int) -> tuple[int, int, int]:
     """A bright colour for an object."""
-    hue = np.array([[[(number * HUE_STEP) % 180, *BRIGHT]]], np.uint8)
+    # Hues of consecutive objects are far apart, of OpenCV's 180.
+    hue = np.array([[[(number * 67) % 180, 200, 255]]], np.uint8)
     red, green, blue = cv2.cvtColor(hue, cv2.COLOR_HSV2RGB)[0, 0].tolist()
     return red, green, blue
 

@@ -7,10 +7,10 @@ scene_gt_info.json is there). Writes a tidy CSV.
 import argparse
 from pathlib import Path
 
-from zeroshop_steps.bop.detections import read_detections
-from zeroshop_steps.bop.precision import average_precision
+from zeroshop_steps.bop.formats.detections import read_detections
+from zeroshop_steps.bop.formats.targets import read_target_frames, read_targets, size_finder
 from zeroshop_steps.bop.score_poses import ROW
-from zeroshop_steps.bop.targets import read_target_frames, read_targets, size_finder
+from zeroshop_steps.bop.scoring.precision import average_precision
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import write_table
 

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.estimates import Estimates, read_estimates
-from zeroshop_steps.bop.models import list_objects, read_models
-from zeroshop_steps.bop.recall import ERRORS, PosePairs, average_recall, measure_pose_errors, pair_up
-from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets
+from zeroshop_steps.bop.formats.estimates import Estimates, read_estimates
+from zeroshop_steps.bop.formats.models import list_objects, read_models
+from zeroshop_steps.bop.formats.targets import Frames, Target, read_target_frames, read_targets
+from zeroshop_steps.bop.scoring.recall import ERRORS, PosePairs, average_recall, measure_pose_errors, pair_up
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.tables import write_table

@@ -10,15 +10,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.surface_points import sample_surface_points
+from zeroshop_steps.geometry.alignment.surface_points import sample_surface_points
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 
 MOVED_DIAMETERS = 0.02  # how far from the surface a transform may move all but a hundredth of its points
 FEW_SAMPLES, SAMPLES, DENSE_SAMPLES = 200, 1500, 40_000  # of the surface: points that are moved, and points that stand for it
 ODD_TURNS = np.pi * np.array([0.11, 0.29, 0.47, 0.71, 0.93])  # a surface that these keep is one of revolution
 WORSE = 2.0  # times as far as the best number of folds: a hexagon is nearly kept by a seventh of a turn, too
 MOST_FOLDS = 12  # of a discrete rotation; finer ones are taken for a surface of revolution
-FLIP_STEPS = 90  # directions across an axis that are tried for a half turn
 MOST_TRANSFORMS = 60  # rotations of an icosahedron; more are an error of the tolerance
 SAME_TURN_DEG = 5.0
 LEAST_APART = 0.05  # of the spreads along principal axes, as a share; with equal ones, as of a prism, their directions are chance
@@ -45,7 +44,7 @@ def find_symmetries(mesh: Mesh, diameter_mm: float) -> dict[str, list]:
             moved = {folds: shape.measure(Rotation.from_rotvec(2 * np.pi / folds * axis)) for folds in range(2, MOST_FOLDS + 1)}
             folds = max((n for n, mm in moved.items() if mm < min(shape.limit_mm, WORSE * min(moved.values()))), default=1)
             if folds > 1:
-                turns += [Rotation.from_rotvec(2 * np.pi / folds * axis), *_half_turn_across(shape, axis, FLIP_STEPS)]
+                turns += [Rotation.from_rotvec(2 * np.pi / folds * axis), *_half_turn_across(shape, axis, 90)]
     group = _close_group(turns)
     if group:
         found["symmetries_discrete"] = [shape.about_centre(turn).ravel().tolist() for turn in group]

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.bop.annotate import annotate
-from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.models import list_objects, read_models
-from zeroshop_steps.bop.scene import Frame, Instance, list_scenes, write_scene
-from zeroshop_steps.bop.targets import Frames, find_targets, read_target_frames, read_targets, write_targets
-from zeroshop_steps.geometry.images import write_mask
+from zeroshop_steps.bop.formats.bop_scenes import Frame, Instance, list_scenes, write_scene
+from zeroshop_steps.bop.formats.models import list_objects, read_models
+from zeroshop_steps.bop.formats.targets import Frames, find_targets, read_target_frames, read_targets, write_targets
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
+from zeroshop_steps.geometry.imaging.images import write_mask
 from zeroshop_steps.runtime.downloads import download
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory, locked, read_json, write_json

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.capture.frames import bound_to_grey
-from zeroshop_steps.geometry.view_similarity import RATIO, find_root_sift
+from zeroshop_steps.capture.frame_quality import bound_to_grey
+from zeroshop_steps.geometry.imaging.image_overlap import RATIO, find_root_sift
 
 SHARED_FEATURES = 60
 """Verified matches of two frames that follow each other. On plain tables, frames with 10 to 40 gave cameras that were 20 mm off or folded,

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.capture.mask_names import find_masks
-from zeroshop_steps.geometry.images import list_images
-from zeroshop_steps.geometry.ply_surface import read_ply
+from zeroshop_steps.geometry.imaging.images import list_images
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_write
 

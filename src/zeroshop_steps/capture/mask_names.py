@@ -7,8 +7,8 @@ from os.path import commonprefix
 from pathlib import Path
 
 from zeroshop_steps.capture.photo_files import CONVERTED_SUFFIXES
-from zeroshop_steps.geometry.image_files import list_folder
-from zeroshop_steps.geometry.images import IMAGE_SUFFIXES
+from zeroshop_steps.geometry.imaging.image_files import list_folder
+from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES
 from zeroshop_steps.runtime.errors import StepError
 
 MASK_SUFFIXES = (*IMAGE_SUFFIXES, *CONVERTED_SUFFIXES, ".gif")

@@ -11,8 +11,8 @@ from pi_heif import register_heif_opener
 from PIL import ExifTags, Image, ImageOps
 from PIL.TiffImagePlugin import IFDRational
 
-from zeroshop_steps.geometry.image_files import FORMATS, check_kind, check_size, list_folder
-from zeroshop_steps.geometry.images import IMAGE_SUFFIXES
+from zeroshop_steps.geometry.imaging.image_files import FORMATS, check_kind, check_size, list_folder
+from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES
 from zeroshop_steps.runtime.errors import StepError, remedy_for
 
 CONVERTED_SUFFIXES = (".jfif", ".jpe", ".mpo", ".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".bmp")
@@ -27,11 +27,6 @@ TRANSPOSED = (5, 6, 7, 8)  # orientations in which width and height change place
 PIXEL_COUNTS = ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight
 PIXEL_DENSITIES = ExifTags.Base.FocalPlaneXResolution, ExifTags.Base.FocalPlaneYResolution
 """EXIF tags that count a photo's pixels, and those on a unit of the sensor: they say where the focal length lies in pixels."""
-JPEG_QUALITY = 97
-OPAQUE = 128  # of 255; half a pixel at the object's edge
-LISTED = 3  # files of a folder without photos that are named
-ASKED_PHOTOS = 8  # whether their background is transparent
-LEVELS_OF_16_BITS = 257  # per level of 8 bits
 
 
 @dataclass(frozen=True)
@@ -72,7 +67,7 @@ def list_photos(folder: Path) -> tuple[list[Path], list[Path]]:
         more = f"; {odd[0].name} is in a format that cannot be read: export it as JPEG" if odd else ""
         below = [path.name for path in files if any(one.suffix.lower() in IMAGE_SUFFIXES for one in path.glob("*"))]
         more += f"; there are some one folder below, in {' and '.join(below)}: name the folder with the photos" if below else ""
-        there = [path.name for path in files if path.is_file()][:LISTED]
+        there = [path.name for path in files if path.is_file()][:3]
         more += f"; it holds {', '.join(there)}: name a film itself, not its folder" if there and not more else ""
         raise StepError(f"{folder} holds no images; expected files ending in {', '.join((*IMAGE_SUFFIXES, *CONVERTED_SUFFIXES))}{more}")
     return photos, odd
@@ -150,7 +145,7 @@ def write_upright(source: Path, target: Path, max_side_px: int) -> None:
     if photo.stored_as in FORMATS and photo.orientation == UPRIGHT and photo.size_px == photo.stored_px:
         shutil.copyfile(source, target)
     else:
-        Image.fromarray(photo.pixels).save(target, quality=JPEG_QUALITY, exif=photo.exif)
+        Image.fromarray(photo.pixels).save(target, quality=97, exif=photo.exif)
 
 
 def read_cut_out(image: Image.Image) -> np.ndarray | None:
@@ -161,14 +156,14 @@ def read_cut_out(image: Image.Image) -> np.ndarray | None:
         opacity = image.convert("RGBA").getchannel("A")
     else:
         return None
-    opaque: np.ndarray = np.asarray(opacity) >= OPAQUE
+    opaque: np.ndarray = np.asarray(opacity) >= 128
     return None if opaque.all() or not opaque.any() else opaque
 
 
 def is_cut_out(folder: Path) -> bool:
     """Whether the background of a folder's photos was removed, so that it is transparent, by a few of them."""
     paths, cut_outs = list_photos(folder)[0], []
-    for path in paths[:: max(1, len(paths) // ASKED_PHOTOS)]:
+    for path in paths[:: max(1, len(paths) // 8)]:
         with contextlib.suppress(StepError), open_picture(path) as image:  # what cannot be read is told where the photo is read
             cut_outs.append(read_cut_out(image) is not None)
     return bool(cut_outs) and all(cut_outs)
@@ -194,6 +189,7 @@ def _scale_pixel_tags(exif: Image.Exif, scale: float) -> None:
 
 def _to_rgb(image: Image.Image) -> np.ndarray:
     if image.mode.startswith("I"):
-        grey = np.asarray(image).astype(np.float32) / LEVELS_OF_16_BITS
+        # Levels of 16 bits per level of 8 bits.
+        grey = np.asarray(image).astype(np.float32) / 257
         return np.repeat(np.clip(grey, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
     return np.asarray(image.convert("RGB"))

@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.capture.frames import (
+from zeroshop_steps.capture.cameras_json import FILE, read_given_cameras
+from zeroshop_steps.capture.frame_quality import (
     collect_image_warnings,
     draw_contact_sheet,
     is_copy,
@@ -27,22 +28,19 @@ from zeroshop_steps.capture.frames import (
     measure_sharpness,
     write_capture_record,
 )
-from zeroshop_steps.capture.given_cameras import FILE, read_given_cameras
+from zeroshop_steps.capture.mask_faults import check_polarity, find_mask_fault, is_cut_off
 from zeroshop_steps.capture.mask_files import UserMask, read_user_mask
 from zeroshop_steps.capture.mask_names import MaskNames, find_masks, split_masks
 from zeroshop_steps.capture.photo_files import MAX_SIDE_PX, choose_suffix, is_cut_out, list_photos, read_photo, write_upright
 from zeroshop_steps.capture.selection import find_blurred, thin_out
-from zeroshop_steps.geometry.images import list_images, measure_border_share, read_image, write_image, write_mask
-from zeroshop_steps.geometry.view_similarity import count_common_features, describe_view
+from zeroshop_steps.geometry.imaging.image_overlap import count_common_features, describe_view
+from zeroshop_steps.geometry.imaging.images import list_images, read_image, write_image, write_mask
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
 
 MIN_IMAGES = 8  # fewer show too little of an object from all sides
 MOST_IMAGES = 60  # more show hardly anything new, and each costs seconds in every later step
-SMALLEST_SHARE, LARGEST_SHARE = 5e-4, 0.98  # of the image that a mask may cover; others are empty or full
-INVERTED_BORDER = 0.75  # of the image's circumference that a mask marks, and of the photos in which it does, where masks are inverted
 MOST_LISTED = 12  # names or problems in a message
-BORDER_SHARE, BORDER_PX = 0.005, 3  # of the image's circumference, and at least so many pixels, that a mask must touch to be cut off
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ class Photo:
         mask: of its size; None where the capture has no masks.
         thumbnail: small float32 grey picture, for comparing photos.
         descriptors: of a few features, for choosing among many photos; None where all are taken.
-        sharpness, level, blur_px: as `frames.collect_image_warnings` wants them.
+        sharpness, level, blur_px: as `frame_quality.collect_image_warnings` wants them.
     """
 
     path: Path
@@ -123,10 +121,10 @@ def import_photos(
             photos.append(_read(path, names, Path(masks or images), max_side_px, len(paths) > most_images))
         except StepError as error:
             problems.append(str(error))
-    _check_polarity(photos, Path(masks or images))
+    check_polarity([(photo.path.name, photo.mask) for photo in photos], Path(masks or images))
     kinds = Counter(photo.mask.kind for photo in photos if photo.mask and photo.mask.kind)
     warnings += [f"{count} of {len(photos)} masks are taken as {kind}" for kind, count in kinds.most_common(MOST_LISTED)]
-    faults = {photo.path: fault for photo in photos if photo.mask and (fault := _find_mask_fault(photo.mask))}
+    faults = {photo.path: fault for photo in photos if photo.mask and (fault := find_mask_fault(photo.mask))}
     problems += faults.values()
     photos = [photo for photo in photos if photo.path not in faults]
     if len(photos) < min_images:
@@ -190,30 +188,6 @@ def _tell_masks(names: MaskNames | None, beside: list[Path], images: Path) -> li
     return ["masks are taken by their names: {1} for {0}, and all others alike".format(*names.example)] if names.example else []
 
 
-def _check_polarity(photos: list[Photo], masks: Path) -> None:
-    """Raise StepError where masks mark the border nearly all around in nearly all photos: they mark the background."""
-    marked = [photo for photo in photos if photo.mask and measure_border_share(photo.mask.pixels) > INVERTED_BORDER]
-    if photos and len(marked) > INVERTED_BORDER * len(photos):
-        raise StepError(
-            f"the masks in {masks} mark the border of the photos nearly all around in {len(marked)} of {len(photos)} photos, such as"
-            f" {marked[0].path.name}: they seem inverted. Masks are white (255) on the object and black (0) elsewhere; invert them. If"
-            " the object is that close, step back: it must fit into the photos"
-        )
-
-
-def _find_mask_fault(mask: UserMask) -> str:
-    """What is wrong with a mask, in words; nothing for a good one."""
-    share = float(mask.pixels.mean())
-    if share < SMALLEST_SHARE:
-        how = "empty" if share == 0 else "almost empty"
-        return f"mask {mask.path} is {how}: mark the object, brighter than the rest, or take the photo out"
-    if share > LARGEST_SHARE:
-        return f"mask {mask.path} is full: {share:.0%} of the image is marked. Mark only the object; it must fit into the photo."
-    if measure_border_share(mask.pixels) > INVERTED_BORDER:
-        return f"mask {mask.path} marks the border nearly all around: invert it, if it marks the background; else the object is too close"
-    return ""
-
-
 def _leave_out(photos: list[Photo], min_images: int, most_images: int) -> tuple[list[Photo], list[str]]:
     """Without copies of photos and those that are much more blurred than the others, and at most `most_images`; warnings name these."""
     warnings = []
@@ -253,7 +227,7 @@ def _find_view_problems(photos: list[Photo], min_images: int) -> tuple[list[str]
         warnings.append(f"images that add nothing: {_name_twins(photos, alike)}")
     names, sharpnesses = [photo.path.name for photo in photos], [photo.sharpness for photo in photos]
     warnings += collect_image_warnings(names, sharpnesses, [photo.level for photo in photos], [photo.blur_px for photo in photos])
-    cut = [photo.path.name for photo in photos if photo.mask and _is_cut_off(photo.mask.pixels)]
+    cut = [photo.path.name for photo in photos if photo.mask and is_cut_off(photo.mask.pixels)]
     if cut:
         missing = "; a part that no photo shows will be missing, step back to have all of it" if len(photos) - len(cut) < min_images else ""
         warnings.append(f"the object is cut off at the border in {len(cut)} of {len(photos)} images: {_join_names(cut)}{missing}")
@@ -292,11 +266,6 @@ def _are_one_photo(one: Photo, other: Photo) -> bool:
 
 def _name_twins(photos: list[Photo], twins: dict[int, int]) -> str:
     return _join_names([f"{photos[number].path.name} (like {photos[twin].path.name})" for number, twin in twins.items()])
-
-
-def _is_cut_off(mask: np.ndarray) -> bool:
-    """Whether a mask touches so much of the image's border that the object is cut off there."""
-    return measure_border_share(mask) > max(BORDER_PX / (2 * sum(mask.shape)), BORDER_SHARE)
 
 
 def _join_names(names: list[str]) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from zeroshop_steps.capture.frames import BLURRED_SHARE, MOST_EDGE_BLUR_PX
+from zeroshop_steps.capture.frame_quality import BLURRED_SHARE, MOST_EDGE_BLUR_PX
 
 BLURRED_RATIO = 1.6  # of the usual blur of edges: a photo beyond that, and of low contrast throughout, is left out
 

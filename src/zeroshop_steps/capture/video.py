@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.capture.bridging import bridge_gaps
-from zeroshop_steps.capture.frames import (
+from zeroshop_steps.capture.frame_quality import (
     collect_image_warnings,
     draw_contact_sheet,
     look_alike,
@@ -25,8 +25,8 @@ from zeroshop_steps.capture.frames import (
     shrink_to_grey,
     write_capture_record,
 )
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.registered_views import space_evenly
+from zeroshop_steps.geometry.cameras.registered_views import space_evenly
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
 
@@ -35,7 +35,6 @@ FRAMES, MIN_FRAMES, MOST_FRAMES = 20, 8, 60
 MAX_SIDE_PX = 1920
 SPACINGS = ("view", "time")
 """By how much the view changes, the sharpest frame of each stretch; or by time, from the first frame to the last, sharp or not."""
-FLICKER_BLUR_PX = 1.5  # standard deviation of the blur that removes noise before frames are compared
 WINDOW_SHARE = 0.35  # of a stretch, to either side of its middle: where its sharpest frame is looked for
 READABLE_SHARE = 0.9  # of the frames that the file promises; with fewer, it is damaged
 SPARE_FRAMES, SPARE_SHARE = 3, 0.01  # that players miss in silence, too: containers count frames that are cut off, or shown by none
@@ -163,7 +162,8 @@ def scan_video(video: Path) -> VideoScan:
     sharpnesses, levels, changes, thumbnails = [], [], [], []
     before = None
     for frame in read_frames(video):
-        small = cv2.GaussianBlur(shrink_to_grey(frame), (0, 0), FLICKER_BLUR_PX)
+        # Without noise, before frames are compared.
+        small = cv2.GaussianBlur(shrink_to_grey(frame), (0, 0), 1.5)
         sharpnesses.append(measure_sharpness(frame))
         levels.append(measure_level(small))
         # A change of exposure is no motion of the camera.

@@ -10,17 +10,16 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps import __version__
-from zeroshop_steps.bop.detections import Detection, encode_mask, mask_to_box, write_detections
-from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
-from zeroshop_steps.bop.scene import Frame, check_depth, list_scenes, read_scene
-from zeroshop_steps.bop.targets import read_target_frames, read_targets
+from zeroshop_steps.bop.formats.bop_scenes import Frame, check_depth, list_scenes, read_scene
+from zeroshop_steps.bop.formats.detections import Detection, encode_mask, mask_to_box, write_detections
+from zeroshop_steps.bop.formats.models import ObjectModel, list_objects, read_models
+from zeroshop_steps.bop.formats.targets import read_target_frames, read_targets
 from zeroshop_steps.detect.templates import Templates, read_templates
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.partial_results import PartialResults
 from zeroshop_steps.runtime.progress import track
 
-MOST_IN_AN_IMAGE = 100  # detections; COCO's evaluation ignores further ones
 CENTRAL = (0.2, 0.8)  # shares of the image between which the principal point must lie; outside, K belongs to another image size
 
 
@@ -127,7 +126,8 @@ def run_detector(
             detections += [_from_json(frame, row) for row in kept.done[key]]
             continue
         start_s = time.monotonic()
-        found = sorted(detect(frame), key=lambda one: -one.score)[:MOST_IN_AN_IMAGE]
+        # COCO's evaluation ignores further ones.
+        found = sorted(detect(frame), key=lambda one: -one.score)[:100]
         seconds = time.monotonic() - start_s
         here = [
             Detection(frame.scene_id, frame.image_id, one.object_id, one.score, mask_to_box(one.mask), encode_mask(one.mask), seconds)

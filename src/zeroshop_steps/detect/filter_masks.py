@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.detections import Detection, decode_mask, encode_mask, mask_to_box, read_detections, write_detections
-from zeroshop_steps.bop.models import list_objects
+from zeroshop_steps.bop.formats.detections import Detection, decode_mask, encode_mask, mask_to_box, read_detections, write_detections
+from zeroshop_steps.bop.formats.models import list_objects
 from zeroshop_steps.runtime.errors import StepError
 
 LEAST_LEFT = 0.5  # of a mask, by the thesis; with less, two hypotheses for one object would both be kept

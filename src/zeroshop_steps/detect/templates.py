@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.viewpoints import look_at, make_intrinsics
+from zeroshop_steps.bop.formats.models import ObjectModel, list_objects, read_models
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.viewpoints import look_at, make_intrinsics
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import least_squares
 
-from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_truth, read_sparse_model
-from zeroshop_steps.geometry.crops import ObjectSphere, fit_object_sphere
-from zeroshop_steps.geometry.registered_views import read_deviations, read_object_masks, read_views
-from zeroshop_steps.geometry.transforms import compute_scale, move_similarity, transform_points
+from zeroshop_steps.geometry.cameras.object_crops import ObjectSphere, fit_object_sphere
+from zeroshop_steps.geometry.cameras.pinhole import Camera, align_to_truth, pair_with_truth, read_sparse_model
+from zeroshop_steps.geometry.cameras.registered_views import read_deviations, read_object_masks, read_views
+from zeroshop_steps.geometry.cameras.transforms import compute_scale, move_similarity, transform_points
 from zeroshop_steps.register.refinement.covariance import ENDS
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.bop.align import align, measure_residuals
-from zeroshop_steps.bop.models import measure_diameter_mm
+from zeroshop_steps.bop.formats.models import measure_diameter_mm
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.geometry.mesh_files import read_mesh
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
+from zeroshop_steps.geometry.meshes.mesh_files import read_mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import write_table
 

@@ -16,16 +16,16 @@ from zeroshop_steps.evaluate.grade import add_limits, judge_mesh, make_ungraded_
 from zeroshop_steps.evaluate.quality import GroundTruth, make_quality_record, write_quality
 from zeroshop_steps.evaluate.surface_support import classify_finished_mesh
 from zeroshop_steps.finish.preview import draw_around, draw_preview
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import View, choose_standing, read_views
-from zeroshop_steps.geometry.support_classes import MEASURED, UNSEEN, compute_area_shares
-from zeroshop_steps.geometry.transforms import transform_camera
+from zeroshop_steps.geometry.cameras.registered_views import View, choose_standing, read_views
+from zeroshop_steps.geometry.cameras.transforms import transform_camera
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.observation.support_classes import MEASURED, UNSEEN, compute_area_shares
+from zeroshop_steps.runtime.compute.kernel_devices import DEVICES, choose_kernel_device
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import part_of_step
 from zeroshop_steps.runtime.files import Record, atomic_write, read_json
-from zeroshop_steps.runtime.kernel_devices import DEVICES, choose_kernel_device
 
 EVIDENCE, QUALITY, PREVIEW = "evidence.npz", "quality.json", "mesh_preview.png"
 """What is written beside grade.json."""

@@ -23,10 +23,10 @@ from zeroshop_steps.evaluate.surface_measures import (
     measure_open_boundary,
     measure_roughness_deg,
 )
-from zeroshop_steps.finish.underside import drop_underside
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.support_classes import compute_area_shares
+from zeroshop_steps.finish.closing.underside import drop_underside
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.observation.support_classes import compute_area_shares
 from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.runtime.tables import write_table
 

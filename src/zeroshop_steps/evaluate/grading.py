@@ -14,7 +14,7 @@ GRADES = ("none", "sparse", "good")
 
 
 @dataclass(frozen=True)
-class Measure:
+class GradeMeasure:
     """A figure that the grade depends on.
 
     Attributes:
@@ -46,20 +46,24 @@ class Measure:
 # is sparse by silhouettes and roughness was fitted on 182 meshes there, with one object left out in turn. Displaced surface was set on
 # these and on real captures; colours decide none of these, and their limit allows the highlights of clean real captures.
 MEASURES = (
-    Measure("registered_share", "photos whose camera was found", 0.9, 0.6, at_least=True),
-    Measure("silhouette_agreement", "agreement of silhouettes and masks, mean over the registered photos", 0.96, 0.7, at_least=True),
-    Measure("largest_part_share", "area of the largest connected part", 0.95, 0.3, at_least=True),
-    Measure("open_boundary_diameters", "length of open borders that photos see, away from the underside", 1.5, 20.0),
-    Measure("back_share", "pixels on the mesh that show its back", 0.02, 0.15),
-    Measure("roughness_deg", "median angle between the normal and its neighbourhood's", 8.0, 25.0),
-    Measure("photometric_error", "colour of a photo against the other photos' prediction, of 1", 0.06, 0.12),
-    Measure("displaced_share", "surface where another depth explains the photos clearly better", 0.03, 0.4),
-    Measure("assumed_share", "surface that neither an outline nor stereo measured", 0.2, 0.5),
-    Measure("guessed_share", "surface that nothing measured, deeper than its outlines say", 0.02, 0.5),
-    Measure("f_score_1_percent", "F-score at 1 %% of the diameter", 0.8, 0.4, at_least=True, needs_truth=True),
-    Measure("recall_1_percent", "seen true surface within 1 %% of the diameter of the mesh", 0.9, 0.4, at_least=True, needs_truth=True),
-    Measure("normal_error_deg", "mean angle to the true normals", 16.0, 60.0, needs_truth=True),
-    Measure("largest_error_percent", "99th percentile of the distance to the truth, in %% of the diameter", 4.0, 40.0, needs_truth=True),
+    GradeMeasure("registered_share", "photos whose camera was found", 0.9, 0.6, at_least=True),
+    GradeMeasure("silhouette_agreement", "agreement of silhouettes and masks, mean over the registered photos", 0.96, 0.7, at_least=True),
+    GradeMeasure("largest_part_share", "area of the largest connected part", 0.95, 0.3, at_least=True),
+    GradeMeasure("open_boundary_diameters", "length of open borders that photos see, away from the underside", 1.5, 20.0),
+    GradeMeasure("back_share", "pixels on the mesh that show its back", 0.02, 0.15),
+    GradeMeasure("roughness_deg", "median angle between the normal and its neighbourhood's", 8.0, 25.0),
+    GradeMeasure("photometric_error", "colour of a photo against the other photos' prediction, of 1", 0.06, 0.12),
+    GradeMeasure("displaced_share", "surface where another depth explains the photos clearly better", 0.03, 0.4),
+    GradeMeasure("assumed_share", "surface that neither an outline nor stereo measured", 0.2, 0.5),
+    GradeMeasure("guessed_share", "surface that nothing measured, deeper than its outlines say", 0.02, 0.5),
+    GradeMeasure("f_score_1_percent", "F-score at 1 %% of the diameter", 0.8, 0.4, at_least=True, needs_truth=True),
+    GradeMeasure(
+        "recall_1_percent", "seen true surface within 1 %% of the diameter of the mesh", 0.9, 0.4, at_least=True, needs_truth=True
+    ),
+    GradeMeasure("normal_error_deg", "mean angle to the true normals", 16.0, 60.0, needs_truth=True),
+    GradeMeasure(
+        "largest_error_percent", "99th percentile of the distance to the truth, in %% of the diameter", 4.0, 40.0, needs_truth=True
+    ),
 )
 
 

@@ -11,15 +11,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.contact_sheets import COLUMNS, GREEN, RED, TILE_WIDTH_PX, arrange_in_rows, write_label
-from zeroshop_steps.geometry.images import read_image, read_mask, write_image
+from zeroshop_steps.geometry.imaging.contact_sheets import COLUMNS, GREEN, RED, TILE_WIDTH_PX, arrange_in_rows, write_label
+from zeroshop_steps.geometry.imaging.images import read_image, read_mask, write_image
 from zeroshop_steps.register.scene.record import find_lens, read_registration
 from zeroshop_steps.register.scene.undistortion import undistort_by_lens
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import write_table
 from zeroshop_steps.synthetic.film_truth import read_source_frames
 
-TILE_HALF = 0.6  # half of the side of a tile, in longer sides of the box around both masks: a margin of a tenth on each side
 TINT = 0.6  # of what is wrong: its colour shows, and the photo below it, too
 
 
@@ -90,7 +89,8 @@ def draw_mask_errors(frames: list[FrameMasks], images: list[np.ndarray]) -> np.n
     for frame, image in zip(frames, images, strict=True):
         found = np.zeros_like(frame.true) if frame.found is None else frame.found
         rows, columns = np.nonzero(frame.true | found)
-        half = TILE_HALF * max(float(np.ptp(rows)), float(np.ptp(columns)), 1.0) + 1
+        # With a margin of a tenth around the box of both masks.
+        half = 0.6 * max(float(np.ptp(rows)), float(np.ptp(columns)), 1.0) + 1
         middle = np.array([(columns.min() + columns.max()) / 2, (rows.min() + rows.max()) / 2])
         shown = image.copy()
         for part, color in ((found & ~frame.true, RED), (frame.true & ~found, GREEN)):

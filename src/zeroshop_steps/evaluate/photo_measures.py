@@ -16,28 +16,25 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.finish import exposure
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer, RayHits
-from zeroshop_steps.geometry.meshes import Mesh, diameter_of
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.surface_distance import sample_surface
-from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, smooth, weld
-from zeroshop_steps.geometry.transforms import shrink_camera
-from zeroshop_steps.geometry.visibility import VISIBLE_SHARE, compute_view_maps, find_visible, sample_image
+from zeroshop_steps.finish.texturing import exposure_gains
+from zeroshop_steps.geometry.alignment.surface_distance import sample_surface
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.cameras.transforms import shrink_camera
+from zeroshop_steps.geometry.meshes.surface_fields import build_neighbour_matrix, smooth, weld
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, diameter_of
+from zeroshop_steps.geometry.observation.visibility import VISIBLE_SHARE, compute_view_maps, find_visible, sample_image
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer, RayHits
 from zeroshop_steps.runtime.errors import StepError
 
 LONGEST_PX = 1000  # longer side of the photos; in larger ones print is so fine that tiny errors of cameras would count
-BLUR_PX = 2.0  # so that print that is a pixel off does not count as another colour
 SAMPLES = 6000  # points of the surface; the shares are then known to about one per cent
-NORMAL_SMOOTHING = 6  # steps over the mesh; the normals are the directions in which other depths are tried
 MIN_COSINE = 0.3  # between normal and direction to the camera (73 degrees); flatter views show too little of the point
-MIN_TRUST = 0.1  # of 1 (geometry/visibility.py); closer to an edge a pixel may show something else
+MIN_TRUST = 0.1  # of 1 (geometry/observation/visibility.py); closer to an edge a pixel may show something else
 LEAST_VIEWS = 3  # photos that must see a point for it to count; two can agree by chance
 OFFSETS_DIAMETERS = np.r_[-0.30:-0.019:0.02, 0.02:0.081:0.02]  # tried depths along the normal, outwards positive; hollows are deep
 AROUND = 32  # points of the surface that are judged together
 SAME_SIDE = 0.5  # cosine between the normals of such points: those of another side do not count
 MARGIN, SHIFT_PX = 0.015, 0.5  # of the colour, 0 to 1: another depth must be better by this, and by what such a shift changes
-INSIDE = 0.99  # mean of the mask's four pixels around a point: all of them must show the object
 
 
 @dataclass(frozen=True)
@@ -88,7 +85,8 @@ def measure_photo_agreement(mesh: Mesh, views: Sequence[View], seed: int = 0) ->
     """
     views = [_shrink(view) for view in views]
     joined, _ = weld(mesh)
-    normals = smooth(joined.vertex_normals, build_neighbour_matrix(joined), NORMAL_SMOOTHING)
+    # The normals are the directions in which other depths are tried.
+    normals = smooth(joined.vertex_normals, build_neighbour_matrix(joined), 6)
     points, faces = sample_surface(joined, SAMPLES, np.random.default_rng(seed))
     normals = normals[joined.faces[faces]].sum(1)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
@@ -96,7 +94,7 @@ def measure_photo_agreement(mesh: Mesh, views: Sequence[View], seed: int = 0) ->
     places = points + OFFSETS_DIAMETERS[:, None, None] * diameter * normals
     places = np.concatenate([points[None], places])
     look = _sample_photos(joined, places, normals, views, diameter)
-    weight, colors = look.weight, look.colors * exposure.estimate_gains(look.colors[0].mean(2), look.weight, look.weight > 0)[:, None]
+    weight, colors = look.weight, look.colors * exposure_gains.estimate_gains(look.colors[0].mean(2), look.weight, look.weight > 0)[:, None]
     spread = np.stack([_measure_spread(shown, weight) for shown in colors])
     spread[1:][~(look.on_object[1:] | (weight == 0)).all(2)] = np.inf
     slope = (look.slope * weight).sum(1) / np.maximum(weight.sum(1), 1e-12)
@@ -154,12 +152,14 @@ def _sample_photos(mesh: Mesh, places: np.ndarray, normals: np.ndarray, views: S
             & (sample_image(maps.trust, pixels) > MIN_TRUST)
         )
         weight[:, k] = np.where(seen, cosine, 0.0)
-        image = cv2.GaussianBlur(view.image().astype(np.float32) / 255.0, (0, 0), BLUR_PX)
+        # So that print that is a pixel off does not count as another colour.
+        image = cv2.GaussianBlur(view.image().astype(np.float32) / 255.0, (0, 0), 2.0)
         slope[:, k] = sample_image(_measure_slope(image), pixels)
         for place, moved in enumerate(places):
             pixels, _ = view.camera.project(moved)
             colors[place, :, k] = sample_image(image, pixels)
-            on_object[place, :, k] = sample_image(mask, pixels) > INSIDE
+            # All of the mask's four pixels around a point must show the object.
+            on_object[place, :, k] = sample_image(mask, pixels) > 0.99
     return _PhotoSamples(colors, on_object, weight, slope, iou, back_px, mesh_px)
 
 

@@ -13,20 +13,18 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.finish.underside import drop_underside
-from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_truth, read_sparse_model
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.surface_distance import measure_surface_error
-from zeroshop_steps.geometry.transforms import compute_scale, transform_camera, transform_points
+from zeroshop_steps.finish.closing.underside import drop_underside
+from zeroshop_steps.geometry.alignment.surface_distance import measure_surface_error
+from zeroshop_steps.geometry.cameras.pinhole import Camera, align_to_truth, pair_with_truth, read_sparse_model
+from zeroshop_steps.geometry.cameras.registered_views import View, read_views
+from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_camera, transform_points
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.runtime.tables import write_table
 from zeroshop_steps.synthetic.film_truth import read_true_cameras
 
-F_SCORE_MM = 2.0  # threshold of f_score_2_mm
-F_SCORE_DIAMETER = 0.01  # threshold of f_score_1_percent and its precision and recall, in diameters
 LARGEST = 0.99  # quantile of the distances that counts as the largest error: that of a hole, a dent or a lid on a hundredth
 SAMPLES = 3  # rays along each side of a pixel in the renderings
 
@@ -112,7 +110,7 @@ def measure_quality(mesh: Mesh, object_from_registration: np.ndarray, registered
     truth_from_object = truth_from_registration @ np.linalg.inv(object_from_registration)
     aligned = Mesh(transform_points(mesh.vertices, truth_from_object), mesh.faces)
     error = measure_surface_error(aligned, truth.surface, list(truth.cameras), truth.support_z_mm)
-    one_percent_mm = F_SCORE_DIAMETER * truth.diameter_mm
+    one_percent_mm = 0.01 * truth.diameter_mm
     up_in_truth = truth_from_object[:3, 2] / np.linalg.norm(truth_from_object[:3, 2])
     rotation_scale = compute_scale(truth_from_object)
     figures = {
@@ -120,7 +118,7 @@ def measure_quality(mesh: Mesh, object_from_registration: np.ndarray, registered
         "accuracy_median_mm": np.median(error.to_truth_mm),
         "completeness_mm": error.to_mesh_mm.mean(),
         "completeness_median_mm": np.median(error.to_mesh_mm),
-        "f_score_2_mm": error.f_score(F_SCORE_MM),
+        "f_score_2_mm": error.f_score(2.0),
         "f_score_1_percent": error.f_score(one_percent_mm),
         "precision_1_percent": error.precision(one_percent_mm),
         "recall_1_percent": error.recall(one_percent_mm),

@@ -7,13 +7,13 @@ from scipy.sparse import coo_matrix
 from scipy.spatial import cKDTree
 
 from zeroshop_steps.finish.clean import label_parts
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.meshes import Mesh, diameter_of, number_edges
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED
-from zeroshop_steps.geometry.surface_distance import SEEN_BY, count_seeing_views, sample_surface
-from zeroshop_steps.geometry.surface_fields import weld
-from zeroshop_steps.geometry.visual_hull import measure_hull_depth
+from zeroshop_steps.geometry.alignment.surface_distance import SEEN_BY, count_seeing_views, sample_surface
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.meshes.surface_fields import weld
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, diameter_of, number_edges
+from zeroshop_steps.geometry.observation.support_classes import ASSUMED, MEASURED
+from zeroshop_steps.geometry.observation.visual_hull import measure_hull_depth
 
 UNDERSIDE_DIAMETERS = 0.05  # a border this close to the support is the rim of the underside, which no photo shows
 ROUGHNESS_DIAMETERS = 0.02  # radius of the neighbourhood within which normals are compared; 4 mm on an object of 20 cm
@@ -57,10 +57,10 @@ def measure_guessed_share(mesh: Mesh, views: Sequence[View], inferred: slice = s
 
     Where only masks limit a surface, it should lie on their visual hull. If it lies deeper, such as the floor of a dark hollow or a dent
     in a plain wall, it may as well lie elsewhere. The inside of a hollow is no guess if it was opened because the photos agree on its
-    colours (finish/hollows.py).
+    colours (finish/closing/hollows.py).
 
     Args:
-        mesh: with the classes of its surface support (geometry/support_classes.py) as its quality.
+        mesh: with the classes of its surface support (geometry/observation/support_classes.py) as its quality.
         views: the photos with masks, their cameras in the frame of the mesh.
         inferred: the faces of such a hollow.
     """

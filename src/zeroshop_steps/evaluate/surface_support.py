@@ -1,4 +1,4 @@
-"""Classify every vertex of a finished mesh as measured, assumed or unseen; geometry/surface_support.py defines the classes."""
+"""Classify every vertex of a finished mesh as measured, assumed or unseen; geometry/observation/vertex_support.py defines the classes."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.support_classes import UNSEEN
-from zeroshop_steps.geometry.surface_support import classify_surface_support
-from zeroshop_steps.geometry.transforms import transform_points
-from zeroshop_steps.surface.seeds import read_confirmed_points
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.observation.support_classes import UNSEEN
+from zeroshop_steps.geometry.observation.vertex_support import classify_surface_support
+from zeroshop_steps.surface.mvs.seeds import read_confirmed_points
 
 
 def classify_finished_mesh(

@@ -12,11 +12,11 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.mesh_repair import drop_repeated_faces, find_triangles
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View, find_possible
-from zeroshop_steps.geometry.transforms import shrink_camera
+from zeroshop_steps.geometry.cameras.registered_views import View, find_possible
+from zeroshop_steps.geometry.cameras.transforms import shrink_camera
+from zeroshop_steps.geometry.meshes.mesh_repair import drop_repeated_faces, find_triangles
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.errors import StepError
 
 if TYPE_CHECKING:

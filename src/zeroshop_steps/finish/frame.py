@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.images import IMAGE_SUFFIXES
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import warn
 
 FROM_HEIGHT = ("up_source", "scale_source", "scale", "height_m", "height_deviation_m", "height_measured_from", "height_in_registration")

@@ -8,9 +8,9 @@ import argparse
 import shutil
 from pathlib import Path
 
-from zeroshop_steps.geometry.meshes import write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.support_classes import compute_area_shares, with_surface_support
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
+from zeroshop_steps.geometry.observation.support_classes import compute_area_shares, with_surface_support
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
 

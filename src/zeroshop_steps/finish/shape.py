@@ -10,12 +10,13 @@ import time
 from pathlib import Path
 from typing import Any
 
-from zeroshop_steps.finish import clean, close
+from zeroshop_steps.finish import clean
+from zeroshop_steps.finish.closing import close
 from zeroshop_steps.finish.frame import make_frame_record
-from zeroshop_steps.geometry.meshes import write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.solids import count_open_edges
+from zeroshop_steps.geometry.cameras.registered_views import View, read_views
+from zeroshop_steps.geometry.meshes.mass_properties import count_open_edges
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
 from zeroshop_steps.runtime.cli import run_method, stage_methods
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import part_of_step

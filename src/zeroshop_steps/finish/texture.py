@@ -16,20 +16,20 @@ import cv2
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from zeroshop_steps.finish import exposure
-from zeroshop_steps.finish.atlas import Texels, fill_gutters, rasterize_atlas
 from zeroshop_steps.finish.export import make_metadata, move_to_object_frame, read_stages, summarize_product, write_product
-from zeroshop_steps.finish.texel_colors import VotingView, make_texel_colors
-from zeroshop_steps.finish.unwrap import check_texture_size, measure_atlas_use, unwrap_mesh
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, fill_harmonically, smooth, smooth_normals, weld
-from zeroshop_steps.geometry.visibility import VISIBLE_SHARE, ViewMaps, compute_view_maps, rate_vertex_views, sample_image
+from zeroshop_steps.finish.texturing import exposure_gains
+from zeroshop_steps.finish.texturing.atlas import Texels, fill_gutters, rasterize_atlas
+from zeroshop_steps.finish.texturing.texel_colors import VotingView, make_texel_colors
+from zeroshop_steps.finish.texturing.unwrap import check_texture_size, measure_atlas_use, unwrap_mesh
+from zeroshop_steps.geometry.cameras.registered_views import View, read_views
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.surface_fields import build_neighbour_matrix, fill_harmonically, smooth, smooth_normals, weld
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.observation.visibility import VISIBLE_SHARE, ViewMaps, compute_view_maps, rate_vertex_views, sample_image
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
+from zeroshop_steps.runtime.compute.kernel_devices import DEVICES, choose_kernel_device
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.runtime.kernel_devices import DEVICES, choose_kernel_device
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 # A step of smoothing averages over direct neighbours, so its reach grows with the edges of the mesh.
@@ -121,7 +121,7 @@ def bake_texture(mesh: Mesh, views: list[View], size: int, generated: Mesh | Non
 
     quality = rate_vertex_views(joined, maps, extent)
     colors = _sample_vertex_colors(images, joined, maps)
-    gains = exposure.estimate_gains(colors.mean(2), quality, quality > LEAST_QUALITY)
+    gains = exposure_gains.estimate_gains(colors.mean(2), quality, quality > LEAST_QUALITY)
     colors *= gains[:, None]
     guess = None if generated is None else find_nearest_colors(generated, joined.vertices)
     broad, corrections, glare = _average_colors(colors, quality, neighbours, guess)

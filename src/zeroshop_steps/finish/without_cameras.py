@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps.finish.clean import add_options, check_options, clean_mesh
+from zeroshop_steps.finish.closing.underside import STATES, Underside, find_open_borders
 from zeroshop_steps.finish.export import make_metadata, move_to_object_frame, summarize_product, write_product
 from zeroshop_steps.finish.texture import bake_colors, read_colored
-from zeroshop_steps.finish.underside import STATES, Underside, find_open_borders
-from zeroshop_steps.finish.unwrap import check_texture_size, unwrap_mesh
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.finish.texturing.unwrap import check_texture_size, unwrap_mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.height.record import RULER_M
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json

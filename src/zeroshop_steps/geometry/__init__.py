@@ -1,1 +1,1 @@
-"""Geometry that several stages share: cameras, images, meshes, the support plane and what the photos see."""
+"""Geometry that several stages share: images, cameras, meshes, rendering, alignment, what photos see, and what objects stand on."""

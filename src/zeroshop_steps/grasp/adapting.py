@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zeroshop_steps.geometry.placements import Placement
+from zeroshop_steps.geometry.support.placements import Placement
 from zeroshop_steps.grasp.antipodal import OBJECT_MARGIN_M, SHALLOWEST_M, TABLE_MARGIN_M, opening_for
 from zeroshop_steps.grasp.clearance import check_object, check_table
 from zeroshop_steps.grasp.grasps import Grasp
@@ -20,7 +20,6 @@ from zeroshop_steps.grasp.ranking import combine, fit_of
 MARGINS_M = ((SHALLOWEST_M, TABLE_MARGIN_M), (0.003, 0.002))
 """Of the contacts from the fingertips, and of the gripper from the table. The second ones count only where the first leave no grasp:
 what is less than 18 mm thick can be taken from the table by no others."""
-KEPT_BACK_M = (0.0, 0.004, 0.008, 0.012)
 MOST_TURN_RAD = np.radians(22.5)  # as far as two directions that `antipodal` tries lie apart
 
 
@@ -98,7 +97,7 @@ def _variants(grasps: Sequence[Grasp], up: np.ndarray, gripper: Gripper, cone_ra
     straight = np.broadcast_to(-up, level.shape)
     kept: list[_Variants] = []
     for toward, along, lost in ((approach, closing, 0.0 * tilt), (turned, closing, 0.0 * tilt), (straight, level, tilt / cone_rad)):
-        for back_m in KEPT_BACK_M:
+        for back_m in (0.0, 0.004, 0.008, 0.012):
             possible = (friction > lost) & ((contact_z + back_m <= gripper.tip_m - shallowest_m) | (back_m == 0.0))
             poses = np.tile(np.eye(4), (len(grasps), 1, 1))
             poses[:, :3, :3] = np.stack([np.cross(along, toward), along, toward], 2)

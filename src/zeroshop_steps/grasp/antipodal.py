@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.metric_mesh import MetricMesh, add_mesh_arguments, read_metric_mesh
-from zeroshop_steps.geometry.placements import Placement, placements_of_hull
-from zeroshop_steps.geometry.solids import measure_solid
-from zeroshop_steps.geometry.support_classes import with_surface_support
+from zeroshop_steps.geometry.meshes.mass_properties import measure_solid
+from zeroshop_steps.geometry.meshes.metric_mesh import MetricMesh, add_mesh_arguments, read_metric_mesh
+from zeroshop_steps.geometry.observation.support_classes import with_surface_support
+from zeroshop_steps.geometry.support.placements import Placement, placements_of_hull
 from zeroshop_steps.grasp.clearance import check_object, check_table
 from zeroshop_steps.grasp.contacts import ContactPairs, find_contact_pairs, find_rim_pairs
 from zeroshop_steps.grasp.grasps import Grasp, write_grasps

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
-from zeroshop_steps.geometry.placements import Placement
+from zeroshop_steps.geometry.support.placements import Placement
 from zeroshop_steps.grasp.gripper import Gripper
 
 BEHIND_M = 0.10  # length of the straight approach; the gripper with what carries it is free that far behind the palm

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.geometry.metric_mesh import add_mesh_arguments, read_metric_mesh
+from zeroshop_steps.geometry.meshes.metric_mesh import add_mesh_arguments, read_metric_mesh
 from zeroshop_steps.grasp.antipodal import LEAST_BESIDE_M, OBJECT_MARGIN_M, OPENED_BESIDE_M
 from zeroshop_steps.grasp.clearance import check_object
 from zeroshop_steps.grasp.grasps import read_grasp_array, read_grasps

@@ -15,7 +15,6 @@ TILTS = 4  # axes that are tried at each sample: along the normal, and tilted at
 SHIFTS = 8  # directions in which a pair is shifted to see whether it is robust
 START_M = 0.012  # in front of a contact, where a finger comes from; what lies nearer to the object stops it
 OUTWARD = 0.3  # least cosine between the normal of a wall's outer side and the direction from the lid to it
-INSIDE_M = 1e-5  # into the surface, where a ray to its other side starts
 
 
 @dataclass(frozen=True)
@@ -100,7 +99,8 @@ def find_rim_pairs(surface: GraspSurface, wall_m: float, reach_m: float, samples
 
 def _exit(surface: GraspSurface, first: np.ndarray, axis: np.ndarray, largest_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The other side of the wall: (N, 3) places, (N, 3) outward normals, and (N,) whether it is within reach."""
-    distance, facing = surface.cast(first + INSIDE_M * axis, axis)
+    # The ray starts inside, where it meets the other side first.
+    distance, facing = surface.cast(first + 1e-5 * axis, axis)
     there = (distance < largest_m) & (np.einsum("nd,nd->n", facing, axis) > 0)
     return first + np.where(there, distance, 0.0)[:, None] * axis, facing, there
 

@@ -7,19 +7,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.metric_mesh import add_mesh_arguments, read_metric_mesh
-from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.metric_mesh import add_mesh_arguments, read_metric_mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.grasp.grasps import Grasp, read_grasps
 from zeroshop_steps.grasp.gripper import GRIPPERS, Gripper, find_gripper
 from zeroshop_steps.grasp.ranking import choose_spread
 
 TILE_PX, FOCAL_PX = 480, 800.0
 SIDES_DEG = ((30.0, 20.0), (150.0, 20.0), (-80.0, 55.0))  # azimuth and elevation of the cameras
-FRAME_FILLED = 0.9  # of a tile's side, by the object and the grippers around it
-HANDLE_M = 0.02  # that is drawn behind the palm
 POINTS = 40  # along a stroke, each hidden by the object or not
 BACKGROUND = (255, 255, 255)
 
@@ -52,7 +50,7 @@ def draw_side(
     places = np.concatenate([renderer.mesh.vertices, *(lines.reshape(-1, 3) for lines, _ in strokes)])
     middle = (places.min(0) + places.max(0)) / 2
     radius = float(np.linalg.norm(places - middle, axis=1).max())
-    distance = 2 * FOCAL_PX * radius / (FRAME_FILLED * TILE_PX)
+    distance = 2 * FOCAL_PX * radius / (0.9 * TILE_PX)
     centre = middle + distance * direction_at(np.radians(azimuth_deg), np.radians(elevation_deg))
     camera = Camera("side", TILE_PX, TILE_PX, make_intrinsics(FOCAL_PX, TILE_PX, TILE_PX), look_at(centre, middle))
     image = renderer.render_color(camera, BACKGROUND)
@@ -76,7 +74,7 @@ def _strokes(grasp: Grasp, gripper: Gripper) -> np.ndarray:
     """(4, 2, 3) ends of both fingers, the bar between them and the handle, metres, object frame."""
     half, base, tip_m = grasp.width_m / 2, gripper.palm_front_m, gripper.tip_m
     fork = [[(0, side, tip_m), (0, side, base)] for side in (half, -half)]
-    fork += [[(0, half, base), (0, -half, base)], [(0, 0, base), (0, 0, base - HANDLE_M)]]
+    fork += [[(0, half, base), (0, -half, base)], [(0, 0, base), (0, 0, base - 0.02)]]
     return np.array(fork) @ grasp.object_from_gripper[:3, :3].T + grasp.object_from_gripper[:3, 3]
 
 

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.surface_distance import sample_surface
+from zeroshop_steps.geometry.alignment.surface_distance import sample_surface
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.open3d_loader import ray_caster
 
 SPACING_M = 0.0025  # between neighbouring points, about: a fifth of a finger's thickness

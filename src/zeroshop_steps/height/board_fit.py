@@ -12,18 +12,16 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.cameras import fit_similarity
-from zeroshop_steps.geometry.printed_board import Board, TagBoard
-from zeroshop_steps.geometry.support_plane import DEVIATION_OF_MEDIAN
+from zeroshop_steps.geometry.boards.printed_board import Board, TagBoard
+from zeroshop_steps.geometry.cameras.pinhole import fit_similarity
+from zeroshop_steps.geometry.support.ground_plane import DEVIATION_OF_MEDIAN
 from zeroshop_steps.height.board_view import BoardView
 from zeroshop_steps.runtime.errors import StepError
 
-LOSS_PX = 0.5  # of the soft L1 loss: larger residuals count linearly
 LARGEST_PX = 4.0  # median residual from which on board and cameras contradict each other
 LARGEST_STRETCH = 0.02  # of height to width of the print; more was fitted to another page size
 LEAST_ANGLE_DEG = 1.0  # between the rays to a corner; its depth is too uncertain below
 OUTLIER_MEDIANS = 3.0  # a triangulated corner this many median errors away is left out of the first fit
-FIT_ROUNDS = 10  # of that fit, which settles in fewer
 LEAST_CORNERS = 4  # triangulated ones, for a fit of seven parameters
 
 
@@ -102,7 +100,7 @@ def triangulate_corners(views: Sequence[BoardView], count: int) -> np.ndarray:
 def _fit_robust_similarity(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Fit by least squares, repeatedly without the corners whose error is far above the median, until these stay the same."""
     kept = np.ones(len(source), bool)
-    for _ in range(FIT_ROUNDS):
+    for _ in range(10):
         similarity = fit_similarity(source[kept], target[kept])
         errors = np.linalg.norm(source @ similarity[:3, :3].T + similarity[:3, 3] - target, axis=1)
         closer = errors <= OUTLIER_MEDIANS * np.median(errors) + 1e-12
@@ -120,7 +118,7 @@ def _refine(start: np.ndarray, corners: np.ndarray, views: Sequence[BoardView], 
     def cost(change: np.ndarray) -> np.ndarray:
         return _compute_residuals(start + unit * np.r_[change, np.zeros(8 - free)], corners, views)
 
-    found = least_squares(cost, np.zeros(free), loss="soft_l1", f_scale=LOSS_PX, max_nfev=100)
+    found = least_squares(cost, np.zeros(free), loss="soft_l1", f_scale=0.5, max_nfev=100)
     return start + unit * np.r_[found.x, np.zeros(8 - free)]
 
 

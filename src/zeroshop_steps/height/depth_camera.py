@@ -11,13 +11,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.capture.given_cameras import FILE, read_given_cameras
-from zeroshop_steps.geometry.image_files import check_kind
-from zeroshop_steps.geometry.images import decode_image
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.support_plane import DEVIATION_OF_MEDIAN
+from zeroshop_steps.capture.cameras_json import FILE, read_given_cameras
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.imaging.image_files import check_kind
+from zeroshop_steps.geometry.imaging.images import decode_image
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.support.ground_plane import DEVIATION_OF_MEDIAN
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.register.scene.record import find_lens
 from zeroshop_steps.register.scene.undistortion import undistort_by_lens

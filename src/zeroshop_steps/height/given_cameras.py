@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.capture.given_cameras import FILE, read_given_cameras
-from zeroshop_steps.geometry.cameras import find_centre, fit_similarity_robustly
-from zeroshop_steps.geometry.transforms import compute_scale, transform_points
+from zeroshop_steps.capture.cameras_json import FILE, read_given_cameras
+from zeroshop_steps.geometry.cameras.pinhole import find_centre, fit_similarity_robustly
+from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_points
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.runtime.errors import StepError
 

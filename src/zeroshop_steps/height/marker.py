@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.geometry.board_files import read_board
-from zeroshop_steps.geometry.images import read_image
-from zeroshop_steps.geometry.printed_board import RULER_MM, Board, TagBoard
+from zeroshop_steps.geometry.boards.board_files import read_board
+from zeroshop_steps.geometry.boards.printed_board import RULER_MM, Board, TagBoard
+from zeroshop_steps.geometry.imaging.images import read_image
+from zeroshop_steps.height.board_corners import check_board_views, detect_board
 from zeroshop_steps.height.board_fit import BoardFit, fit_board
-from zeroshop_steps.height.board_photos import check_board_views, detect_board
 from zeroshop_steps.height.board_view import BoardView
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.height.scene_photos import localize_photos

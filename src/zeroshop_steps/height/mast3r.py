@@ -13,13 +13,13 @@ import numpy as np
 import pycolmap
 import torch
 
-from zeroshop_steps.geometry.images import list_images
-from zeroshop_steps.geometry.registered_views import View, space_evenly
-from zeroshop_steps.geometry.sparse_files import read_reconstruction
+from zeroshop_steps.geometry.cameras.registered_views import View, space_evenly
+from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction
+from zeroshop_steps.geometry.imaging.images import list_images
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.networks.devices import DEVICES, choose_device
-from zeroshop_steps.networks.mast3r.alignment import Alignment, align_images
 from zeroshop_steps.networks.mast3r.framing import LONG_SIDE_PX, Framing
+from zeroshop_steps.networks.mast3r.global_alignment import Alignment, align_images
 from zeroshop_steps.networks.mast3r.inference import NAME, Mast3rPredictor, PairPredictor
 from zeroshop_steps.networks.mast3r.model import SIZES, load_mast3r
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, resolve_weights

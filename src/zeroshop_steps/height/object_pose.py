@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import SparseModel
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View, choose_standing
-from zeroshop_steps.geometry.scene_support import find_scene_focus
-from zeroshop_steps.geometry.support_plane import SupportPlane, estimate_up_from_roll, find_background_points, fit_support_plane
+from zeroshop_steps.geometry.cameras.pinhole import SparseModel
+from zeroshop_steps.geometry.cameras.registered_views import View, choose_standing
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.support.ground_plane import SupportPlane, estimate_up_from_roll, find_background_points, fit_support_plane
+from zeroshop_steps.geometry.support.scene_support import find_scene_focus
 from zeroshop_steps.runtime.errors import StepError
 
 EDGE_PX = 1.0  # error of the object's edges in the photos

@@ -4,8 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from zeroshop_steps.geometry.board_files import BOARDS
-from zeroshop_steps.geometry.printed_board import RULER_MM, write_pdf
+from zeroshop_steps.geometry.boards.board_files import BOARDS
+from zeroshop_steps.geometry.boards.printed_board import RULER_MM, write_pdf
 from zeroshop_steps.runtime.errors import StepError
 
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps.capture.known_height import read_known_height_m
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.geometry.cameras.registered_views import View, read_views
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.height.object_pose import ObjectPose, measure_object_pose
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import write_json
@@ -114,9 +114,9 @@ def _read_mesh(args: argparse.Namespace, views: list[View]) -> Mesh:
     mesh = read_ply(args.mesh)
     if args.stereo is None:
         return mesh
-    from zeroshop_steps.geometry.support_classes import MEASURED
-    from zeroshop_steps.geometry.surface_support import classify_surface_support
-    from zeroshop_steps.surface.seeds import read_confirmed_points
+    from zeroshop_steps.geometry.observation.support_classes import MEASURED
+    from zeroshop_steps.geometry.observation.vertex_support import classify_surface_support
+    from zeroshop_steps.surface.mvs.seeds import read_confirmed_points
 
     return replace(mesh, quality=classify_surface_support(mesh, views, read_confirmed_points(args.stereo, views)) / MEASURED)
 

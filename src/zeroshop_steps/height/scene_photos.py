@@ -13,9 +13,9 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.capture.photo_files import find_format_problems
-from zeroshop_steps.geometry.cameras import Camera, to_matrix, to_rigid
-from zeroshop_steps.geometry.images import list_images, read_image
-from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.cameras.pinhole import Camera, to_matrix, to_rigid
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.imaging.images import list_images, read_image
 from zeroshop_steps.register.features.sift import SiftOptions, make_extraction_options
 from zeroshop_steps.register.mapping.mapper import make_mapping_options
 from zeroshop_steps.register.matching.verified_matches import match_features

@@ -6,7 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.printed_board import TagBoard
+from zeroshop_steps.geometry.boards.printed_board import TagBoard
 from zeroshop_steps.height.board_fit import BoardFit, fit_board, triangulate_corners
 from zeroshop_steps.height.board_view import BoardView
 from zeroshop_steps.runtime.errors import StepError

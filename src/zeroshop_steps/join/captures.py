@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera, read_sparse_model, write_cameras
-from zeroshop_steps.geometry.images import list_images
-from zeroshop_steps.geometry.transforms import transform_camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera, read_sparse_model, write_cameras
+from zeroshop_steps.geometry.cameras.transforms import transform_camera
+from zeroshop_steps.geometry.imaging.images import list_images
 from zeroshop_steps.join.pass_images import make_joint_name
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json

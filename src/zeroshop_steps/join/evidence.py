@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera, to_matrix
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.transforms import compute_scale, transform_camera, transform_points
+from zeroshop_steps.geometry.cameras.pinhole import Camera, to_matrix
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_camera, transform_points
 from zeroshop_steps.join.outline_ways import find_ways_by_outlines
 from zeroshop_steps.join.pass_images import Pass
 from zeroshop_steps.join.ways import Way
 from zeroshop_steps.register.photometry.view_similarity import Chances
-from zeroshop_steps.register.submodels.alignment import CameraGroup, measure_between_deg, measure_misses
 from zeroshop_steps.register.submodels.appearance import Likeness, compare_groups
+from zeroshop_steps.register.submodels.outline_alignment import CameraGroup, measure_between_deg, measure_misses
 
 LARGEST_MISS_PX = 2.5
 """By how much rays through the rims may miss the masks of the other pass in the mean, per 1000 px: exact masks miss by 0.1, found ones
@@ -75,7 +75,7 @@ class Judgement:
 
 
 @dataclass(frozen=True)
-class Sight:
+class PassObservation:
     """What a pass shows of the object, in its own frame.
 
     Attributes:
@@ -89,13 +89,15 @@ class Sight:
     chances: dict[Path, Chances] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, one: Pass) -> "Sight":
+    def of(cls, one: Pass) -> "PassObservation":
         """Read the masks of a pass."""
         views = make_views(one)
         return cls(views, CameraGroup([view.camera for view in views], {view.camera.name: view.mask() for view in views}))
 
 
-def judge_ways(ways: list[Way], target: Sight, source: Sight, find_others: Callable[[], list[Judgement]]) -> list[Judgement]:
+def judge_ways(
+    ways: list[Way], target: PassObservation, source: PassObservation, find_others: Callable[[], list[Judgement]]
+) -> list[Judgement]:
     """Judge the ways that print supports, and those that the outlines allow where print leaves a doubt.
 
     A thing whose sides look alike may match as if it had not been turned over, or in a few points that are not the same. So a way in which
@@ -113,7 +115,7 @@ def judge_ways(ways: list[Way], target: Sight, source: Sight, find_others: Calla
     return by_outlines if not found or any(one.verdict != "wrong" for one in by_outlines) else found
 
 
-def is_same(one: Way, other: Way, target: Sight, source: Sight) -> bool:
+def is_same(one: Way, other: Way, target: PassObservation, source: PassObservation) -> bool:
     """Whether two ways are one, nearly."""
     if measure_between_deg(one.target_from_source, other.target_from_source) <= SAME_WAY_DEG:
         return True
@@ -121,7 +123,7 @@ def is_same(one: Way, other: Way, target: Sight, source: Sight) -> bool:
     return bool(np.linalg.norm(apart[0] - apart[1], axis=1).max() <= SAME_WAY_SHARE * 2 * target.group.radius)
 
 
-def measure_turn_deg(way: Way, target: Sight, source: Sight) -> float:
+def measure_turn_deg(way: Way, target: PassObservation, source: PassObservation) -> float:
     """By how much the object was turned over between two passes: the angle between their ups."""
     rotation = way.target_from_source[:3, :3] / compute_scale(way.target_from_source)
     return float(np.degrees(np.arccos(np.clip(target.group.up @ rotation @ source.group.up, -1, 1))))
@@ -138,7 +140,7 @@ def choose(found: list[Judgement]) -> Judgement | None:
     return possible[0] if len(possible) == 1 and possible[0].verdict == "right" else None
 
 
-def judge(way: Way, target: Sight, source: Sight, elsewhere_px: float | None = None) -> Judgement:
+def judge(way: Way, target: PassObservation, source: PassObservation, elsewhere_px: float | None = None) -> Judgement:
     """Judge a way by the views of both passes and their outlines; `elsewhere_px` as in the judgement."""
     misses = measure_misses(target.group, source.group, way.target_from_source)
     moved = [View(transform_camera(view.camera, way.target_from_source), view.image_path, view.mask_path) for view in source.views]
@@ -146,7 +148,7 @@ def judge(way: Way, target: Sight, source: Sight, elsewhere_px: float | None = N
     return Judgement(way, float(misses.mean()), likeness, elsewhere_px)
 
 
-def judge_by_outlines(target: Sight, source: Sight) -> list[Judgement]:
+def judge_by_outlines(target: PassObservation, source: PassObservation) -> list[Judgement]:
     """Find the ways in which the outlines fit best, and judge them: for passes whose print does not tell how they lie to each other."""
     ways = find_ways_by_outlines(target.group, source.group)
     found = []

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.cameras import to_rigid
-from zeroshop_steps.geometry.transforms import compute_scale, transform_points
+from zeroshop_steps.geometry.cameras.pinhole import to_rigid
+from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_points
 from zeroshop_steps.join.object_matches import make_bare_model
 from zeroshop_steps.join.pass_images import Pass
 from zeroshop_steps.register.mapping.mapper import make_mapping_options

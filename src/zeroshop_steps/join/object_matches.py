@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.images import read_image, write_image
-from zeroshop_steps.geometry.view_similarity import count_common_features, describe_view
+from zeroshop_steps.geometry.imaging.image_overlap import count_common_features, describe_view
+from zeroshop_steps.geometry.imaging.images import read_image, write_image
 from zeroshop_steps.join.pass_images import Pass
 from zeroshop_steps.register.features import sift
 from zeroshop_steps.register.mapping.mapper import make_mapping_options

@@ -7,7 +7,8 @@ and all ways that differ are returned: one that is far better than every other s
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.register.submodels.alignment import (
+from zeroshop_steps.join.ways import MOST_WAYS
+from zeroshop_steps.register.submodels.outline_alignment import (
     CameraGroup,
     Hypothesis,
     keep_distinct,
@@ -18,25 +19,23 @@ from zeroshop_steps.register.submodels.alignment import (
 )
 
 AXES, ANGLES = 200, 24  # of the turns that are tried: 15 degrees apart
-AT_ONCE = 16  # of them: single ones take three times as long, and very many do not fit into the processor's cache
 COARSE_VIEWS, COARSE_RAYS, COARSE_POINTS, FARTHEST_PX = 8, 160, 6, 200.0  # of the thinned groups
 NEAR_DEG, TRIED = 20.0, 60  # best turns that are refined coarsely, so far from each other
 COARSE_STEP, COARSE_LOSS_PX, COARSE_EVALUATIONS = 1e-2, 5.0, 12
-REFINED = 6  # of the ways that are found coarsely
-MOST_WAYS = 4
 
 
 def find_ways_by_outlines(target: CameraGroup, source: CameraGroup) -> list[Hypothesis]:
     """The likeliest ways to lay the source to the target, the best first; each refined, and each a turn apart from the others."""
     few = _thin(target), _thin(source)
     turns = make_turns()
-    parts = np.array_split(turns, -(-len(turns) // AT_ONCE))
+    # Single ones take three times as long, and very many do not fit into the processor's cache.
+    parts = np.array_split(turns, -(-len(turns) // 16))
     costs = np.concatenate([measure_misses(*few, lay(*few, part)).mean(-1) for part in parts])
     starts = [lay(*few, turns[one]) for one in _choose_apart(turns, costs)]
     found = _refine_coarsely(few, starts)
     # What is nearly its own mirror image or half turn fits nearly as well so, however few of the turns above begin near it.
     found = keep_distinct(found + _refine_coarsely(few, [found[0].target_from_source @ turn for turn in _make_half_turns(source)]))
-    return keep_distinct([refine(target, source, one.target_from_source) for one in found[:REFINED]])[:MOST_WAYS]
+    return keep_distinct([refine(target, source, one.target_from_source) for one in found[:6]])[:MOST_WAYS]
 
 
 def _thin(group: CameraGroup) -> CameraGroup:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pycolmap
 
-from zeroshop_steps.geometry.images import read_image
-from zeroshop_steps.geometry.registered_views import CONFIDENCE
-from zeroshop_steps.geometry.sparse_files import read_reconstruction
+from zeroshop_steps.geometry.cameras.registered_views import CONFIDENCE
+from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction
+from zeroshop_steps.geometry.imaging.images import read_image
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.runtime.errors import StepError
 

@@ -15,16 +15,16 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.registered_views import PASSES
-from zeroshop_steps.geometry.sparse_files import write_reconstruction
+from zeroshop_steps.geometry.cameras.registered_views import PASSES
+from zeroshop_steps.geometry.cameras.sparse_files import write_reconstruction
 from zeroshop_steps.join.alike import choose_any
-from zeroshop_steps.join.evidence import Judgement, Sight, choose, judge_by_outlines, judge_ways
+from zeroshop_steps.join.evidence import Judgement, PassObservation, choose, judge_by_outlines, judge_ways
 from zeroshop_steps.join.learned_matches import load_networks, match_by_networks
 from zeroshop_steps.join.merging import merge_models, triangulate_joined
 from zeroshop_steps.join.object_matches import match_object, pair_points, triangulate_pass
 from zeroshop_steps.join.pass_images import Pass, gather, read_pass, repeats
+from zeroshop_steps.join.pass_refinement import refine
 from zeroshop_steps.join.reasons import explain, explain_failure, explain_first_failure, explain_joined, explain_repetition
-from zeroshop_steps.join.refinement import refine
 from zeroshop_steps.join.ways import Way, find_ways_by_matches
 from zeroshop_steps.networks.aliked import FOLDER
 from zeroshop_steps.networks.devices import DEVICES
@@ -128,7 +128,7 @@ def _join_later(
     """The passes that fit to the first, and it; the model of them all; and the entries of passes.json of the later ones."""
     image_set = gather(passes, scratch)
     matches = _Matches.of(match_object(image_set, passes, scratch, options), passes, image_set, options.seed)
-    sights = [Sight.of(one) for one in passes]
+    sights = [PassObservation.of(one) for one in passes]
 
     match_again = None
     if prepare:

@@ -1,6 +1,6 @@
 """Why a pass was left out, or brings little, in words for the one who captured it."""
 
-from zeroshop_steps.join.evidence import LARGEST_MISS_PX, SAME_SIDE_DEG, Judgement, Sight, measure_turn_deg
+from zeroshop_steps.join.evidence import LARGEST_MISS_PX, SAME_SIDE_DEG, Judgement, PassObservation, measure_turn_deg
 from zeroshop_steps.runtime.failures import Failure, how_to_try_again
 
 
@@ -42,7 +42,7 @@ def explain_first_failure(failure: Failure) -> str:
     )
 
 
-def explain_joined(number: int, chosen: Judgement, first: Sight, other: Sight) -> str | None:
+def explain_joined(number: int, chosen: Judgement, first: PassObservation, other: PassObservation) -> str | None:
     """What a pass that was joined leaves unknown; None where it leaves nothing."""
     if chosen.verdict != "right":
         return (

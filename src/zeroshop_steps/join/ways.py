@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.transforms import compute_scale, transform_points
+from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_points
 from zeroshop_steps.join.object_matches import PointPairs
 
 NEAR_SIZES = 0.02  # a pair of points supports a way if it lies this close, in sizes of the cloud of points

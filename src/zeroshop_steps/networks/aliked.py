@@ -25,7 +25,6 @@ if TYPE_CHECKING:  # PyTorch takes more than a second to import, and `register a
 FOLDER, EXTRACTOR, MATCHER = "aliked", "aliked-n16.pth", "aliked_lightglue.pth"
 CHANNELS = 128  # of a descriptor
 LIKE_COSINE = 0.7  # descriptors of one place are at least so alike; 0.8 misses neighbours that are rolled against each other
-LAYERS = 9
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Crop:
 
 
 @dataclass(frozen=True)
-class Features:
+class CropFeatures:
     """What the extractor finds in one crop.
 
     Attributes:
@@ -98,7 +97,7 @@ class AlikedMatcher:
 
         self.matcher, self.device = matcher.to(device), device
         self.features, self.keypoints = [], []
-        self._turned: dict[int, list[Features]] = {}
+        self._turned: dict[int, list[CropFeatures]] = {}
         extractor.to(device)
         with run_network(device, f"ALIKED on {len(crops)} pictures"):
             for crop in track(crops, "features", len(crops)):
@@ -141,7 +140,7 @@ class AlikedMatcher:
         return found["matches"][0].cpu().numpy(), found["scores"][0].float().cpu().numpy()
 
 
-def extract_features(extractor: nn.Module, crop: Crop, device: torch.device, max_keypoints: int, threshold: float) -> Features:
+def extract_features(extractor: nn.Module, crop: Crop, device: torch.device, max_keypoints: int, threshold: float) -> CropFeatures:
     """Features of a crop, where it allows them."""
     import torch
 
@@ -154,12 +153,12 @@ def extract_features(extractor: nn.Module, crop: Crop, device: torch.device, max
     kept = good.nonzero()[:, 0]
     kept = kept[torch.argsort(strength[kept], descending=True, stable=True)[:max_keypoints]]
     if not len(kept):
-        return Features(torch.zeros(0, 2), torch.zeros(0, CHANNELS), (width, height))
+        return CropFeatures(torch.zeros(0, 2), torch.zeros(0, CHANNELS), (width, height))
     descriptors = extractor.desc_head(dense, [places[kept]])[0][0]  # type: ignore[operator]
-    return Features(keypoints[kept].float(), descriptors.float(), (width, height))
+    return CropFeatures(keypoints[kept].float(), descriptors.float(), (width, height))
 
 
-def describe_turned(extractor: nn.Module, crop: Crop, found: Features, quarters: int) -> Features:
+def describe_turned(extractor: nn.Module, crop: Crop, found: CropFeatures, quarters: int) -> CropFeatures:
     """The features of a crop, in their order, as the network describes them in its picture turned by quarters, counter-clockwise."""
     import torch
 
@@ -169,13 +168,13 @@ def describe_turned(extractor: nn.Module, crop: Crop, found: Features, quarters:
         keypoints = torch.stack([keypoints[:, 1], size[0] - 1 - keypoints[:, 0]], 1)
         size = size.flip(0)
     if not len(keypoints):
-        return Features(keypoints, found.descriptors, (pixels.shape[1], pixels.shape[0]))
+        return CropFeatures(keypoints, found.descriptors, (pixels.shape[1], pixels.shape[0]))
     dense, _ = extractor.extract_dense_map(_to_picture(pixels, keypoints.device))  # type: ignore[operator]
     descriptors = extractor.desc_head(dense, [2 * keypoints / (size - 1) - 1])[0][0]  # type: ignore[operator]
-    return Features(keypoints, descriptors.float(), (pixels.shape[1], pixels.shape[0]))
+    return CropFeatures(keypoints, descriptors.float(), (pixels.shape[1], pixels.shape[0]))
 
 
-def count_alike(one: Features, other: Features) -> float:
+def count_alike(one: CropFeatures, other: CropFeatures) -> float:
     """How many descriptors of two pictures are each other's nearest, and alike."""
     import torch
 
@@ -253,7 +252,7 @@ def load_matcher(path: Path) -> nn.Module:
     from kornia.feature import LightGlue
 
     nothing: Any = None  # no kind of features: nothing is downloaded
-    network: Any = LightGlue(features=nothing, input_dim=CHANNELS, n_layers=LAYERS)
+    network: Any = LightGlue(features=nothing, input_dim=CHANNELS, n_layers=9)
 
     def rename(state: dict[str, Tensor]) -> dict[str, Tensor]:
         return {"confidence_thresholds": network.confidence_thresholds, **{_rename(name): value for name, value in state.items()}}
@@ -273,7 +272,7 @@ def _rename(name: str) -> str:
     return f"transformers.{number}.{part}.{rest}" if part in ("self_attn", "cross_attn") else name
 
 
-def _as_batch(features: Features) -> dict[str, Tensor]:
+def _as_batch(features: CropFeatures) -> dict[str, Tensor]:
     import torch
 
     size = torch.tensor([features.size_px], dtype=torch.float32, device=features.keypoints.device)

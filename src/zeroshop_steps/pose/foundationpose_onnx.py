@@ -7,7 +7,7 @@ CUDA is installed.
 import argparse
 import functools
 
-from zeroshop_steps.bop.models import ObjectModel
+from zeroshop_steps.bop.formats.models import ObjectModel
 from zeroshop_steps.networks.weights import require_weights
 from zeroshop_steps.pose import dataset
 from zeroshop_steps.pose.foundationpose.networks import OnnxNetworks

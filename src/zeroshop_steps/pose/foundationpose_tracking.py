@@ -13,20 +13,21 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from zeroshop_steps.bop.detections import decode_mask, read_detections
-from zeroshop_steps.bop.estimates import Estimates, write_estimates
-from zeroshop_steps.bop.models import list_objects, read_models
-from zeroshop_steps.bop.scene import Frame, list_scenes, read_scene
-from zeroshop_steps.bop.targets import Frames, Target, read_targets, size_finder
+from zeroshop_steps.bop.formats.bop_scenes import Frame, list_scenes, read_scene
+from zeroshop_steps.bop.formats.detections import decode_mask, read_detections
+from zeroshop_steps.bop.formats.estimates import Estimates, write_estimates
+from zeroshop_steps.bop.formats.models import list_objects, read_models
+from zeroshop_steps.bop.formats.targets import Frames, Target, read_targets, size_finder
 from zeroshop_steps.detect.detector_io import read_depth, read_photo
+from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.networks.devices import choose_device, run_network
 from zeroshop_steps.networks.foundationpose.model import SIZES
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, resolve_weights
 from zeroshop_steps.pose import dataset
 from zeroshop_steps.pose.foundationpose import WEIGHTS
-from zeroshop_steps.pose.foundationpose.estimator import PoseEstimator, PreparedModel
+from zeroshop_steps.pose.foundationpose.estimator import FoundationPoseModel, PoseEstimator
 from zeroshop_steps.pose.foundationpose.networks import TorchNetworks
-from zeroshop_steps.pose.foundationpose.steps import MM_PER_M, add_common_arguments, prepare_models
+from zeroshop_steps.pose.foundationpose.steps import add_common_arguments, prepare_models
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.progress import track
 
@@ -87,7 +88,9 @@ def find_starts(film: Film, detections: Path | None, known: list[int]) -> list[t
     return [(one.object_id, one.score, decode_mask(one.require_mask())) for one in chosen]
 
 
-def follow(film: Film, starts: list[tuple[int, float, np.ndarray]], estimator: PoseEstimator, ready: dict[int, PreparedModel]) -> list[Row]:
+def follow(
+    film: Film, starts: list[tuple[int, float, np.ndarray]], estimator: PoseEstimator, ready: dict[int, FoundationPoseModel]
+) -> list[Row]:
     """The poses in every frame; an object of which too little was measured in the first one is left out."""
     poses: dict[int, np.ndarray] = {}
     rows: list[Row] = []

@@ -4,8 +4,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.detect.templates import make_view_directions
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.viewpoints import face_along
+from zeroshop_steps.geometry.cameras.viewpoints import face_along
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.pose.icp import compute_shape_costs, run_icp
 from zeroshop_steps.pose.nearest_surface import build_nearest_surface
 

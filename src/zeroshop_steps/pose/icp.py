@@ -13,7 +13,6 @@ from zeroshop_steps.pose.nearest_surface import NearestSurface
 NEAR_SHARE = 0.85  # of the points, the nearest, that a step uses; the others may belong to another object or to a wrong mask
 LARGEST_TURN = 0.4  # radians about each axis in one step (23 degrees); the linearised rotation is worthless beyond
 DAMPING = 1e-3  # of the diagonal of the normal equations (Levenberg-Marquardt); keeps a step small where the points do not fix it
-TINY_DAMPING = 1e-6  # added to the diagonal, so that the equations can be solved even without any usable point
 SMALL_ANGLE = 1e-4  # radians below which sine and cosine are replaced by their series: their quotients would lose all digits
 COSTED_SHARE = 0.95  # of the points, the nearest, whose mean distance is the cost; more than in a step, so that wrong poses pay
 AWAY_DIAMETERS = 0.05  # added to the distance of a point whose nearest surface faces away from the camera, which cannot see it
@@ -136,7 +135,7 @@ def _move_pose(
                     for j in range(6):
                         square[i, j] += rows[point, i] * rows[point, j]
         for i in range(6):
-            square[i, i] += DAMPING * square[i, i] + TINY_DAMPING
+            square[i, i] += DAMPING * square[i, i] + 1e-6
         solve_by_cholesky(square, right)
         _apply_step(pose, right, middle)
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.surface_points import SurfacePoints, sample_surface_points
+from zeroshop_steps.geometry.alignment.surface_points import SurfacePoints, sample_surface_points
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 SAMPLES = 16000  # of the surface; about 2 mm apart on an object of 15 cm
@@ -18,7 +18,6 @@ CELLS = 160_000  # of the table, about 0.6 MB; a look-up is off by at most about
 MARGIN_DIAMETERS = 0.25  # of the table around the model's box; points farther away are looked up at its border
 OPEN_SHARE = 0.05  # of the surface: if more is only assumed, the model may be hollow; less is noise of the classes
 THIN_SHARE = 0.5  # of the surface: if the walls behind more of it are thinner than a cell, both of their sides are one to the table
-INWARD_MM = 1e-3  # from the surface, where rays through the wall start
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ def build_nearest_surface(mesh: Mesh, diameter_mm: float) -> NearestSurface:
 
 def _measure_thin_share(mesh: Mesh, samples: SurfacePoints, thin_mm: float) -> float:
     """Share of the surface behind which the next surface is nearer than `thin_mm`, as in a bowl or a sheet."""
-    starts = samples.points - INWARD_MM * samples.normals
+    starts = samples.points - 1e-3 * samples.normals
     rays = np.concatenate([starts, -samples.normals], 1).astype(np.float32)
     behind_mm = ray_caster((mesh.vertices, mesh.faces)).cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
     return float((behind_mm < thin_mm).mean())

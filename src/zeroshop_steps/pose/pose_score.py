@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.bop.similarity_icp import correlate_colors
-from zeroshop_steps.geometry.mesh_rendering import sample_texture
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.surface_points import sample_surface_points
+from zeroshop_steps.geometry.alignment.similarity_icp import correlate_colors
+from zeroshop_steps.geometry.alignment.surface_points import sample_surface_points
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import sample_texture
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 # Chosen on six virtual tables of the demo objects, the test set with seed 1 (docs/results.md, "Detection and poses").

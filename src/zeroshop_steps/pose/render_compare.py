@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.detections import Detection
-from zeroshop_steps.bop.models import ObjectModel
-from zeroshop_steps.bop.pose_error import ModelPoints, mssd
-from zeroshop_steps.bop.scene import Frame
+from zeroshop_steps.bop.formats.bop_scenes import Frame
+from zeroshop_steps.bop.formats.detections import Detection
+from zeroshop_steps.bop.formats.models import ObjectModel
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
+from zeroshop_steps.bop.scoring.pose_error import ModelPoints, mssd
 from zeroshop_steps.pose import dataset
 from zeroshop_steps.pose.confidence import SAME_DIAMETERS, SURE_CONFIDENCE, estimate_confidence
 from zeroshop_steps.pose.hypotheses import PoseSearch
@@ -28,9 +28,7 @@ LEAST_POINTS = 30  # measured points of a detection; fewer do not fix a pose
 NEAR_DIAMETERS = 0.6  # of depth, from the median; a point farther away cannot be on the object
 NUDGED = 8  # best hypotheses that are improved by small turns
 NUDGES_DEG = (8.0, 4.0, 2.0, 1.0)  # sizes of these turns, one after the other; starts are 15 degrees apart
-ROUNDS = 2  # of each size at most
 EXTENDED = 1.1  # times as large as a detection: with less, what it lacks does not matter
-SCORE_DIGITS = 9  # to which scores are compared, so that rounding does not decide between equal poses
 
 
 @dataclass(frozen=True)
@@ -110,7 +108,8 @@ def estimate_pose(
     poses, _ = nudge_poses(poses, cut_patch(photo, depth_mm, mask, intrinsics, RAYS), ready.comparison, ready.model, ready.search.is_open)
     poses = np.concatenate([poses, ready.search.refine(poses, points)])
     scores = ready.comparison.score(poses, cut_patch(photo, depth_mm, mask, intrinsics, FINE_RAYS))
-    best = int(np.argmax(np.round(scores, SCORE_DIGITS)))
+    # Rounded, so that the last bits do not decide between equal poses.
+    best = int(np.argmax(np.round(scores, 9)))
     apart_mm = mssd(poses, np.repeat(poses[best][None], len(poses), 0), ready.points, ready.model.symmetries)
     others = scores[apart_mm > SAME_DIAMETERS * ready.model.diameter_mm]
     estimate = PoseEstimate(poses[best], float(scores[best]), float(scores[best] - max(others, default=0.0)), len(points))
@@ -170,7 +169,8 @@ def nudge_poses(
         turns[:6, :3, :3] = Rotation.from_rotvec(np.radians(angle) * np.concatenate([np.eye(3), -np.eye(3)])).as_matrix()
         turns[:6, :3, 3] = middle - turns[:6, :3, :3] @ middle
         turns[6:, :3, 3] = np.radians(angle) * model.diameter_mm / 2 * np.concatenate([np.eye(3), -np.eye(3)])[: len(turns) - 6]
-        for _ in range(ROUNDS):
+        # At most so many rounds of each size.
+        for _ in range(2):
             others = poses[:, None] @ turns
             gained = comparison.score(others.reshape(-1, 4, 4), patch).reshape(len(poses), len(turns))
             best = gained.argmax(1)

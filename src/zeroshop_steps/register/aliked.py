@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.geometry.imaging.images import read_image
 from zeroshop_steps.networks.aliked import (
     FOLDER,
     AlikedMatcher,
@@ -39,9 +39,9 @@ from zeroshop_steps.register.scene.record import Record, RegistrationFailed, Sto
 from zeroshop_steps.register.verification.duplicate_structure import MayMatch
 from zeroshop_steps.register.verification.pair_appearance import delete_inconsistent_pairs
 from zeroshop_steps.runtime.cache import Cached
+from zeroshop_steps.runtime.compute.kernel_devices import DEVICES
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import scratch_directory
-from zeroshop_steps.runtime.kernel_devices import DEVICES
 from zeroshop_steps.runtime.progress import track
 
 CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads", "device"))

@@ -15,12 +15,12 @@ from typing import Any
 import pycolmap
 
 from zeroshop_steps.networks.aliked import EXTRACTOR, FOLDER, MATCHER, has_weights
-from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS
-from zeroshop_steps.networks.salient_object import add_network_arguments, load_network
+from zeroshop_steps.networks.saliency.salient_networks import DEFAULT, NETWORKS
+from zeroshop_steps.networks.saliency.salient_object import add_network_arguments, load_network
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table
 from zeroshop_steps.register import aliked, colmap, silhouette_sfm
+from zeroshop_steps.register.camera_proposals import Fill, Proposer, propose
 from zeroshop_steps.register.pipeline import add_matching_arguments
-from zeroshop_steps.register.proposals import Fill, Proposer, propose
 from zeroshop_steps.register.registration import write_registration
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.scene.record import RegistrationFailed

@@ -13,7 +13,8 @@ from typing import Any
 
 import pycolmap
 
-from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
+from zeroshop_steps.register.camera_proposals import Proposer, propose
 from zeroshop_steps.register.features.sift import SiftOptions, extract_features, find_focal_source, fit_to_count, refine
 from zeroshop_steps.register.features.static_marks import StaticMarks, find_static_marks
 from zeroshop_steps.register.features.tilted_features import VERTICAL, add_tilted_features, find_foreshortened, find_weak_images
@@ -24,7 +25,6 @@ from zeroshop_steps.register.matching.verified_matches import match_features
 from zeroshop_steps.register.matching.view_graph import ViewGraph
 from zeroshop_steps.register.matching.wide_lens import WIDE_LENS_REMEDY, find_wide_lenses, set_lenses
 from zeroshop_steps.register.pipeline import StructureOptions, add_matching_arguments, read_structure_options, reconstruct
-from zeroshop_steps.register.proposals import Proposer, propose
 from zeroshop_steps.register.registration import write_registration
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.scene.record import DuplicateStructure, Inconsistent, Record, RegistrationFailed, Stopwatch, TooFewRegistered

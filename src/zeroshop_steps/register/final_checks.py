@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pycolmap
 
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.cameras.registered_views import read_views
 from zeroshop_steps.register.final_refinement import Hypothesis
 from zeroshop_steps.register.refinement.camera_deviation import check_deviations
 from zeroshop_steps.register.scene.record import Evidence

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.cameras import Camera, to_rigid
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.cameras.pinhole import Camera, to_rigid
+from zeroshop_steps.geometry.cameras.registered_views import read_views
 from zeroshop_steps.register.features.sift import SiftOptions, extract_features
 from zeroshop_steps.register.mapping.mapper import triangulate_points
 from zeroshop_steps.register.matching.verified_matches import match_features

@@ -11,7 +11,7 @@ from typing import Any
 
 import pycolmap
 
-from zeroshop_steps.geometry.sparse_files import read_reconstruction
+from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction
 from zeroshop_steps.register.features import sift
 from zeroshop_steps.register.mapping.mapper import triangulate_points
 from zeroshop_steps.register.matching.verified_matches import match_features

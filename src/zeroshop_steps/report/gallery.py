@@ -8,7 +8,7 @@ import json
 from pathlib import Path
 
 from zeroshop_steps.report.site.html import copy_assets, quote_path, write_page
-from zeroshop_steps.report.site.tables import write_tables
+from zeroshop_steps.report.site.tables_page import write_tables
 from zeroshop_steps.runtime.files import atomic_write, read_json
 
 HOW_TO_ADD = "Objects of your own are rows of config/objects.tsv; those of other datasets stand in config/config.yaml."

@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 
 from zeroshop_steps.report.grasping import SCENES, THESIS, sum_scenes
-from zeroshop_steps.report.thesis_entries import GRASPS
+from zeroshop_steps.report.published.thesis_entries import GRASPS
 from zeroshop_steps.runtime.tables import read_table, write_table
 
 COLUMNS = ("dataset", "models", "measure", "value", "source")

@@ -12,7 +12,7 @@ from typing import Any
 
 import pandas as pd
 
-from zeroshop_steps.report.thesis_entries import GRASPS
+from zeroshop_steps.report.published.thesis_entries import GRASPS
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import atomic_write

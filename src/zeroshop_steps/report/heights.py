@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from zeroshop_steps.report.figure_files import write_figure
+from zeroshop_steps.report.site.svg_plots import LEAST_FOR_TREND
 from zeroshop_steps.report.table import parse_cell
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure
@@ -26,7 +27,6 @@ BESIDE, APART, MAST3R, THESIS = "board beside the object", "board in the empty s
 COLORS = {BESIDE: "tab:orange", APART: "tab:green", MAST3R: "tab:red", THESIS: "tab:blue"}
 MARKS = {BESIDE: "^", APART: "v", MAST3R: "s", THESIS: "o"}
 FIGURE_INCHES, DOTS_PER_INCH, MARK_POINTS2 = (7.0, 4.5), 150, 24  # as wide as a text column; the area of a mark
-LEAST_FOR_TREND = 3  # points; two always lie on a line
 COLUMNS = (
     "dataset",
     "object",

@@ -10,9 +10,9 @@ from pathlib import Path
 from zeroshop_steps.methods import REGISTRATIONS, SURFACES
 from zeroshop_steps.report.site.advice import advise
 from zeroshop_steps.report.site.html import write_page
-from zeroshop_steps.report.site.pictures import render_thumbnail, write_webp
 from zeroshop_steps.report.site.results_index import Cell, Run, find_runs
 from zeroshop_steps.report.site.sections import make_run_sections
+from zeroshop_steps.report.site.thumbnails import render_thumbnail, write_webp
 from zeroshop_steps.report.site.viewer_meshes import TrueModel, read_true_model, write_meshes
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json

@@ -16,10 +16,7 @@ import pandas as pd
 
 from zeroshop_steps.report.bop import SHOWN
 from zeroshop_steps.report.heights import APART, THESIS, read_published_heights
-from zeroshop_steps.report.reconstruction import read_published_cells
-from zeroshop_steps.report.site.charts import scatter
-from zeroshop_steps.report.site.html import copy_assets, write_page
-from zeroshop_steps.report.thesis_entries import (
+from zeroshop_steps.report.published.thesis_entries import (
     DIFFERS,
     REHEARSAL,
     REHEARSED,
@@ -33,8 +30,11 @@ from zeroshop_steps.report.thesis_entries import (
     list_scores,
     list_statements,
 )  # fmt: skip
-from zeroshop_steps.report.thesis_other import Other, list_other_grasps, list_other_heights, list_other_marks, list_other_scores
-from zeroshop_steps.report.thesis_own import CellKey, Own, find_cells, find_films, find_rows, find_scores
+from zeroshop_steps.report.published.thesis_other import Other, list_other_grasps, list_other_heights, list_other_marks, list_other_scores
+from zeroshop_steps.report.published.thesis_own import CellKey, Own, find_cells, find_films, find_rows, find_scores
+from zeroshop_steps.report.reconstruction import read_published_cells
+from zeroshop_steps.report.site.html import copy_assets, write_page
+from zeroshop_steps.report.site.svg_plots import scatter
 from zeroshop_steps.runtime.tables import write_table
 
 SAME_AS_2DGS = ("su_h", "se")

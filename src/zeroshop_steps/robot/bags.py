@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.robot.camera import read_lens
+from zeroshop_steps.robot.goal_camera import read_lens
 from zeroshop_steps.robot.goals import write_pose, write_result
 from zeroshop_steps.robot.image_messages import read_color, read_depth, write_image
-from zeroshop_steps.robot.recognition import Recognition, RecognizedObject, Request
+from zeroshop_steps.robot.recognition import Recognition, RecognitionRequest, RecognizedObject
 from zeroshop_steps.robot.ros2.messages import RESULT, bag_types, blank, message_store, require_rosbags
 from zeroshop_steps.runtime.errors import StepError
 
@@ -29,7 +29,6 @@ RECTIFIED = "rect"
 """In the name of a topic whose images image_proc has undistorted, such as image_rect_color; its camera message is the same."""
 MOST_APART_NS = 20_000_000  # of the stamps of colour and depth; cameras take 30 pairs a second
 COLORS = np.array([[230, 60, 50], [50, 140, 230], [70, 190, 80], [240, 190, 40], [170, 90, 210], [40, 200, 200]], np.uint8)
-OVERLAY = 0.5  # of an object's pixels, by its colour
 LINE_LIST, TEXT = 5, 9  # kinds of visualization_msgs/Marker
 LINE_M, TEXT_M = 0.002, 0.03
 EDGES = [(a, b) for a in range(8) for b in range(a) if (a ^ b).bit_count() == 1]
@@ -48,7 +47,7 @@ class RecordedRequest:
 
     stamp_ns: int
     frame_id: str
-    request: Request
+    request: RecognitionRequest
 
 
 def read_requests(path: Path, rgb_topic: str, depth_topic: str, info_topic: str) -> Iterator[RecordedRequest]:
@@ -77,7 +76,9 @@ def read_requests(path: Path, rgb_topic: str, depth_topic: str, info_topic: str)
                 for color, depth in _pop_pairs(pending[rgb_topic], pending[depth_topic]):
                     photo, depth_mm = read_color(color), read_depth(depth)
                     lens = read_lens(info, photo.shape[1], photo.shape[0], RECTIFIED in rgb_topic.rpartition("/")[2])
-                    request = Request(lens.undistort(photo), None if depth_mm is None else lens.undistort(depth_mm), lens.intrinsics)
+                    request = RecognitionRequest(
+                        lens.undistort(photo), None if depth_mm is None else lens.undistort(depth_mm), lens.intrinsics
+                    )
                     yield RecordedRequest(stamp_of(color), color.header.frame_id, request)
     except (AnyReaderError, OSError, ValueError) as error:
         raise StepError(f"the bag {path} cannot be read: {error}") from None
@@ -172,7 +173,7 @@ def draw_overlay(photo: np.ndarray, objects: Sequence[RecognizedObject]) -> np.n
     """(height, width, 3) uint8: the photo with the masks of the objects in colours."""
     drawn = photo.astype(np.float32)
     for index, one in enumerate(objects):
-        drawn[one.mask] += OVERLAY * (COLORS[index % len(COLORS)] - drawn[one.mask])
+        drawn[one.mask] += 0.5 * (COLORS[index % len(COLORS)] - drawn[one.mask])
     return np.rint(drawn).astype(np.uint8)
 
 
@@ -183,7 +184,7 @@ def _make_header(recorded: RecordedRequest) -> Any:
     return header
 
 
-def _make_camera_info(request: Request, header: Any) -> Any:
+def _make_camera_info(request: RecognitionRequest, header: Any) -> Any:
     info = blank("sensor_msgs/msg/CameraInfo")
     info.header, info.distortion_model, info.d = header, "plumb_bob", np.zeros(5)
     info.height, info.width = request.photo.shape[:2]

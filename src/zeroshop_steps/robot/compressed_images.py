@@ -6,14 +6,14 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.depth_images import depth_to_mm
+from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
+from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.robot.rvl import decode_rvl
 from zeroshop_steps.runtime.errors import StepError
 
 PNG = b"\x89PNG\r\n\x1a\n"
 QUANTIZATION = struct.Struct("<iff")
 """compressedDepth's header: a number, and a and b of inverse depth: a step of the picture q is a / (q - b) metres."""
-MM_PER_METRE = 1000.0
 
 
 def is_compressed(message: Any) -> bool:
@@ -48,7 +48,7 @@ def read_compressed_depth(message: Any) -> np.ndarray:
     if start < QUANTIZATION.size or (scaling := QUANTIZATION.unpack_from(content))[1] <= 0:
         raise StepError(f"{what} has the format {form!r}, but no header that says how its numbers mean metres; record 16UC1, or raw images")
     _, scale, offset = scaling
-    depth_mm = MM_PER_METRE * scale / np.where(raw > offset, raw - offset, np.inf)
+    depth_mm = MM_PER_M * scale / np.where(raw > offset, raw - offset, np.inf)
     return np.where(raw > 0, depth_mm, 0.0).astype(np.float32)
 
 

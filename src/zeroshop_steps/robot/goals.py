@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.robot.image_messages import LABELS, read_color, read_depth, read_mask, write_image
-from zeroshop_steps.robot.recognition import Recognition, Request
+from zeroshop_steps.robot.recognition import Recognition, RecognitionRequest
 from zeroshop_steps.robot.recognizers import Recognizer
 from zeroshop_steps.runtime.errors import StepError, explain_machine_fault
 
@@ -59,14 +59,14 @@ def answer_goal(goal: Any, recognizer: Recognizer, intrinsics_of: Callable[[int,
     return Answer(result, False, reason)
 
 
-def read_goal(goal: Any, intrinsics_of: Callable[[int, int], np.ndarray]) -> Request:
+def read_goal(goal: Any, intrinsics_of: Callable[[int, int], np.ndarray]) -> RecognitionRequest:
     """The request of a goal. Raises StepError where a part of it cannot be read."""
     photo = read_color(goal.rgb)
     depth_mm = read_depth(goal.depth)
     masks = tuple(read_mask(message, index) for index, message in enumerate(goal.mask_detections))
     boxes = tuple((int(one.x_offset), int(one.y_offset), int(one.width), int(one.height)) for one in goal.bb_detections)
     intrinsics = intrinsics_of(photo.shape[1], photo.shape[0])
-    return Request(photo, depth_mm, intrinsics, tuple(goal.class_names), masks, boxes, read_confidences(goal.description))
+    return RecognitionRequest(photo, depth_mm, intrinsics, tuple(goal.class_names), masks, boxes, read_confidences(goal.description))
 
 
 def read_confidences(description: str) -> dict[str, float]:

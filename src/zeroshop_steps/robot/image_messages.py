@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.depth_images import depth_to_mm
+from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
 from zeroshop_steps.robot.compressed_images import is_compressed, read_compressed_color, read_compressed_depth
 from zeroshop_steps.runtime.errors import StepError
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.models import (
+from zeroshop_steps.bop.formats.models import (
     ObjectModel,
     check_diameter_mm,
     list_model_files,
@@ -22,7 +22,7 @@ from zeroshop_steps.bop.models import (
     read_models_info,
 )
 from zeroshop_steps.detect.templates import Templates, read_templates, save_templates
-from zeroshop_steps.geometry.mesh_files import list_mesh_files, read_mesh
+from zeroshop_steps.geometry.meshes.mesh_files import list_mesh_files, read_mesh
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json
 
@@ -30,7 +30,7 @@ VIEWS, SIDE_PX = 42, 224  # of the templates, as the workflow makes them
 
 
 @dataclass(frozen=True)
-class Source:
+class ObjectFiles:
     """The files of one object.
 
     Attributes:
@@ -142,20 +142,20 @@ class ObjectStore:
         known = ", ".join(sorted(self.objects)) or f"none; expected models_info.json or OBJECT/{self.nvs}.ply in {self.folder}"
         return f"Known objects: {known}"
 
-    def _find_sources(self) -> dict[str, Source]:
+    def _find_sources(self) -> dict[str, ObjectFiles]:
         if (self.folder / "models_info.json").is_file() or list_model_files(self.folder):
             listed = read_models_info(self.folder)
             numbers = {listed[str(number)].get("name", f"obj_{number:06d}"): number for number in list_objects(self.folder)}
             self._numbers |= numbers
-            sources = {name: Source(model_path(self.folder, number), None) for name, number in numbers.items()}
+            sources = {name: ObjectFiles(model_path(self.folder, number), None) for name, number in numbers.items()}
         else:
             meshes = {path.parent.name: path for path in sorted(self.folder.glob(f"*/{self.nvs}.ply"))}
             for name in meshes:
                 self._numbers.setdefault(name, max(self._numbers.values(), default=0) + 1)
-            sources = {name: Source(path, path.with_suffix(".json")) for name, path in meshes.items()}
+            sources = {name: ObjectFiles(path, path.with_suffix(".json")) for name, path in meshes.items()}
         return {name: source for name, source in sources.items() if not self.wanted or name in self.wanted}
 
-    def _read(self, name: str, source: Source) -> bool:
+    def _read(self, name: str, source: ObjectFiles) -> bool:
         """Read one object; True if it changed. One that cannot be read keeps its former version, with a warning."""
         try:
             stored = read_object(name, self._numbers[name], source)
@@ -173,7 +173,7 @@ class ObjectStore:
         return before is None or before.version != stored.version
 
 
-def read_object(name: str, number: int, source: Source) -> StoredObject:
+def read_object(name: str, number: int, source: ObjectFiles) -> StoredObject:
     """Read one object.
 
     Raises:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.scene import Frame
+from zeroshop_steps.bop.formats.bop_scenes import Frame
 from zeroshop_steps.detect.detector_io import read_photo
 from zeroshop_steps.runtime.errors import StepError
 
@@ -17,7 +17,7 @@ PLAUSIBLE_DEPTH_MM = (30.0, 30_000.0)  # of the median; outside, the depth is in
 
 
 @dataclass(frozen=True)
-class Request:
+class RecognitionRequest:
     """One image, and what to find in it.
 
     Attributes:
@@ -98,7 +98,7 @@ class LiveFrame(Frame):
         return "the request"
 
 
-def make_frame(request: Request) -> LiveFrame:
+def make_frame(request: RecognitionRequest) -> LiveFrame:
     """The frame of a request. Raises StepError where its parts do not fit together, or nothing was measured."""
     _check_request(request)
     frame = LiveFrame(0, 0, request.intrinsics, None, None, (), Path(), photo=request.photo, measured_mm=request.depth_mm)
@@ -106,7 +106,7 @@ def make_frame(request: Request) -> LiveFrame:
     return frame
 
 
-def _check_request(request: Request) -> None:
+def _check_request(request: RecognitionRequest) -> None:
     if request.photo.ndim != 3 or request.photo.shape[2] != 3 or request.photo.dtype != np.uint8 or not request.photo.size:
         raise StepError(f"the colour image has the shape {request.photo.shape} of {request.photo.dtype}; expected (height, width, 3) uint8")
     focal_px = request.intrinsics[[0, 1], [0, 1]]

@@ -15,7 +15,7 @@ import numpy as np
 from zeroshop_steps.robot.bags import RecognitionBag, read_requests
 from zeroshop_steps.robot.object_store import ObjectStore
 from zeroshop_steps.robot.prepared import add_recognizer_arguments, prepare_recognizers
-from zeroshop_steps.robot.recognition import Recognition, Request
+from zeroshop_steps.robot.recognition import Recognition, RecognitionRequest
 from zeroshop_steps.robot.recognizers import Recognizer
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> None:
     print(f"{args.out}: {found} poses in {len(taken)} images")
 
 
-def find_poses(request: Request, detector: Recognizer, estimator: Recognizer) -> Recognition:
+def find_poses(request: RecognitionRequest, detector: Recognizer, estimator: Recognizer) -> Recognition:
     """The objects that the detector finds in an image, with the poses of the estimator; one that has none is left out with a remark."""
     found = detector.recognize(request)
     if not found.objects:

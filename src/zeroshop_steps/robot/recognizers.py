@@ -10,11 +10,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from zeroshop_steps.bop.detections import Detection, decode_mask, encode_mask, mask_to_box
+from zeroshop_steps.bop.formats.detections import Detection, decode_mask, encode_mask, mask_to_box
 from zeroshop_steps.detect.filter_masks import filter_detections
 from zeroshop_steps.methods import DETECTORS, ESTIMATORS, Method, lacks, refusal
 from zeroshop_steps.robot.object_store import ObjectStore
-from zeroshop_steps.robot.recognition import Recognition, RecognizedObject, Request, make_frame
+from zeroshop_steps.robot.recognition import Recognition, RecognitionRequest, RecognizedObject, make_frame
 from zeroshop_steps.runtime.errors import StepError
 
 LEAST_SCORE = 0.2  # of a detection, as in the thesis (detect/filter_masks.py)
@@ -28,7 +28,7 @@ class Recognizer(Protocol):
     def prepare(self) -> None:
         """Take the models as they are now; networks are loaded the first time."""
 
-    def recognize(self, request: Request) -> Recognition:
+    def recognize(self, request: RecognitionRequest) -> Recognition:
         """The objects in an image. Raises StepError where the request cannot be answered."""
 
 
@@ -53,7 +53,7 @@ def make_recognizers(
     made: dict[str, Recognizer] = {}
     kinds: tuple[tuple[str, str, dict[str, Method], Sequence[str] | None, Callable[..., Recognizer]], ...] = (
         ("detector", "detect", DETECTORS, detectors, functools.partial(ObjectDetector, instances=instances)),
-        ("estimator", "pose", ESTIMATORS, estimators, PoseEstimator),
+        ("estimator", "pose", ESTIMATORS, estimators, PreparedEstimator),
     )
     unused = set(options)
     for kind, stage, methods, names, make in kinds:
@@ -115,7 +115,7 @@ class ObjectDetector:
             self._detect = self.module.prepare(self.args, self.store.models, self.store.views_of)
             self._generation = self.store.generation
 
-    def recognize(self, request: Request) -> Recognition:
+    def recognize(self, request: RecognitionRequest) -> Recognition:
         """The objects in an image, with masks that do not overlap. Raises StepError where the request cannot be answered."""
         frame = make_frame(request)
         self.prepare()
@@ -138,7 +138,7 @@ class ObjectDetector:
         return RecognizedObject(name, found.object_id, found.score, mask_to_box(mask), mask, None, told)
 
 
-class PoseEstimator:
+class PreparedEstimator:
     """A method of the stage `pose`, prepared for the models of a store."""
 
     def __init__(self, module: Any, args: argparse.Namespace, store: ObjectStore, method: Method) -> None:
@@ -153,7 +153,7 @@ class PoseEstimator:
             self._estimate = self.module.prepare(self.args, self.store.models, *views)
             self._generation = self.store.generation
 
-    def recognize(self, request: Request) -> Recognition:
+    def recognize(self, request: RecognitionRequest) -> Recognition:
         """The poses of the objects in the masks, in their order. An object whose pose cannot be estimated is left out with a remark.
 
         Raises:
@@ -180,7 +180,7 @@ class PoseEstimator:
         return Recognition(tuple(objects), tuple(remarks))
 
 
-def _masks_of(request: Request) -> list[np.ndarray]:
+def _masks_of(request: RecognitionRequest) -> list[np.ndarray]:
     """One mask for each name: those of the request, otherwise its boxes. Raises StepError where they are not as many."""
     if not request.class_names:
         raise StepError("class_names is empty; name the object in each mask")

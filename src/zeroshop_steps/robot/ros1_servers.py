@@ -7,7 +7,7 @@ results/demo, whose meshes are taken again when the workflow makes them anew. Th
 
 import argparse
 
-from zeroshop_steps.robot.camera import CameraSource, GivenCamera, TopicCamera, add_camera_arguments
+from zeroshop_steps.robot.goal_camera import CameraSource, FixedCamera, TopicCamera, add_camera_arguments
 from zeroshop_steps.robot.prepared import add_recognizer_arguments, prepare_recognizers
 from zeroshop_steps.robot.ros1.environment import provide_ros, require_master
 from zeroshop_steps.robot.ros1.messages import load_messages
@@ -49,7 +49,7 @@ def find_camera(args: argparse.Namespace) -> CameraSource:
     import rospy
 
     if args.intrinsics:
-        return GivenCamera(*args.intrinsics)
+        return FixedCamera(*args.intrinsics)
     from sensor_msgs.msg import CameraInfo
 
     topic = args.camera_info_topic or rospy.get_param(PARAMETER, None)

@@ -8,7 +8,7 @@ import argparse
 import importlib.util
 from typing import Any
 
-from zeroshop_steps.robot.camera import CameraSource, GivenCamera, TopicCamera, add_camera_arguments
+from zeroshop_steps.robot.goal_camera import CameraSource, FixedCamera, TopicCamera, add_camera_arguments
 from zeroshop_steps.robot.prepared import add_recognizer_arguments, prepare_recognizers
 from zeroshop_steps.robot.ros2.node import start_servers
 from zeroshop_steps.runtime.errors import StepError
@@ -58,7 +58,7 @@ def require_ros2() -> None:
 def find_camera(args: argparse.Namespace, node: Any) -> CameraSource:
     """Where the camera matrix comes from. Raises StepError where nothing says it."""
     if args.intrinsics:
-        return GivenCamera(*args.intrinsics)
+        return FixedCamera(*args.intrinsics)
     if not args.camera_info_topic:
         raise StepError("where is the camera matrix? Goals have none: give --camera-info-topic or --intrinsics")
     from rclpy.qos import qos_profile_sensor_data

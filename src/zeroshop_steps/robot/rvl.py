@@ -12,7 +12,6 @@ import numpy as np
 SIZE = struct.Struct("<ii")
 MOST_PIXELS = 250_000_000
 LARGEST = 2**17  # zigzag code of a difference of 16-bit numbers
-MOST_GROUPS = 10  # of three bits: a run may be as long as the image
 
 
 def decode_rvl(content: bytes) -> np.ndarray:
@@ -55,7 +54,8 @@ def _read_numbers(content: bytes) -> np.ndarray:
     if not len(last):
         return np.zeros(0, np.int64)
     first = np.concatenate([[0], last[:-1] + 1])
-    if (last - first).max() >= MOST_GROUPS:
+    # Of three bits: a run may be as long as the image.
+    if (last - first).max() >= 10:
         raise ValueError("it has a number of too many bits")
     groups = groups[: last[-1] + 1].astype(np.int64)
     digit = np.arange(len(groups)) - np.repeat(first, last - first + 1)

@@ -19,8 +19,6 @@ from zeroshop_steps.runtime.temporary import remove_abandoned
 
 FULL_BYTES = 4_000_000
 """A disk with less is called full: what did not fit is not on it, and COLMAP writes up to 2 MB of an image's features at once."""
-DIE_WITH_PARENT = 1
-"""PR_SET_PDEATHSIG of Linux's prctl."""
 
 
 def wait_for_child(out: Path | None) -> int | None:
@@ -36,7 +34,8 @@ def wait_for_child(out: Path | None) -> int | None:
     sys.stderr.flush()
     child = os.fork()
     if child == 0:
-        ctypes.CDLL(None).prctl(DIE_WITH_PARENT, signal.SIGKILL)
+        # PR_SET_PDEATHSIG of Linux is 1.
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)
         if os.getppid() != parent:  # it has died meanwhile
             os._exit(1)
         return None

@@ -18,9 +18,9 @@ from pathlib import Path
 from zeroshop_steps.runtime import failures
 from zeroshop_steps.runtime.cache import run_cached
 from zeroshop_steps.runtime.child_process import wait_for_child
+from zeroshop_steps.runtime.compute.freed_memory import keep_freed_memory
+from zeroshop_steps.runtime.compute.kernel_cache import provide_kernel_cache
 from zeroshop_steps.runtime.errors import StepError, explain_machine_fault
-from zeroshop_steps.runtime.kernel_cache import provide_kernel_cache
-from zeroshop_steps.runtime.memory import keep_freed_memory
 
 RECORD_FAILURE = (
     "outputs (a folder's name ends in a slash) in place of which a failure is recorded, but for those that were written before it;"

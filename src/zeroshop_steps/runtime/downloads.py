@@ -31,9 +31,6 @@ TIMEOUT_S = 30.0
 """Without a byte; hosts of weights answer within a few seconds."""
 ATTEMPTS = 3
 PAUSE_S = 3.0  # before another attempt
-CHUNK_BYTES = 1 << 20  # between two steps of the progress bar
-FINAL_STATUSES = (400, 401, 403, 404, 410, 451)
-"""HTTP answers that stay the same when asked again: refused, or not there."""
 
 
 def download(
@@ -70,7 +67,8 @@ def download(
                     _download_once(url, path, size_bytes)
                     break
                 except (OSError, http.client.HTTPException) as error:
-                    final = isinstance(error, urllib.error.HTTPError) and error.code in FINAL_STATUSES
+                    # HTTP answers that stay the same when asked again.
+                    final = isinstance(error, urllib.error.HTTPError) and error.code in (400, 401, 403, 404, 410, 451)
                     if attempt < attempts and not final:
                         print(f"{url}: {error}; attempt {attempt} of {attempts}, trying again", file=sys.stderr)
                         time.sleep(pause_s * 2 ** (attempt - 1))
@@ -163,6 +161,6 @@ def _writing(part: Path, continued: bool) -> Iterator[Callable[[bytes], object]]
 def _read(response: http.client.HTTPResponse) -> bytes:
     """The next bytes. A broken connection becomes an HTTPException."""
     try:
-        return response.read(CHUNK_BYTES)
+        return response.read(1 << 20)
     except OSError as error:
         raise http.client.HTTPException(str(error)) from error

@@ -14,9 +14,6 @@ from typing import Any
 from zeroshop_steps.runtime.errors import StepError, remedy_for
 from zeroshop_steps.runtime.temporary import PART, temporary_file, temporary_folder
 
-SYNC_THREADS = 8
-"""Files of a folder that are synced at once; the disk takes most of them in one go."""
-
 
 @contextlib.contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
@@ -49,7 +46,7 @@ def atomic_directory(path: Path) -> Iterator[Path]:
         with temporary_folder(path.parent, path.name) as temporary:
             yield temporary
             temporary.chmod(0o755)
-            with ThreadPoolExecutor(SYNC_THREADS) as pool:
+            with ThreadPoolExecutor(8) as pool:
                 for _ in pool.map(_sync, (file for file in temporary.rglob("*") if file.is_file() and not file.is_symlink())):
                     pass
             _replace_folder(temporary, path)

@@ -6,22 +6,22 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import SparseModel
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.scene_support import SceneSupport
-from zeroshop_steps.networks.salient_object import SalientObjectNetwork
-from zeroshop_steps.runtime.thread_pool import map_in_threads
-from zeroshop_steps.segment.exposure import Exposure
-from zeroshop_steps.segment.fusion import estimate_odds
-from zeroshop_steps.segment.mask_quality import MaskQuality, MasksRejected, compare_with_hull, describe_quality
+from zeroshop_steps.geometry.cameras.pinhole import SparseModel
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.support.scene_support import SceneSupport
+from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
+from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
+from zeroshop_steps.segment.cues.fusion import estimate_odds
+from zeroshop_steps.segment.mask_hull import Solution, close_holes, solve
 from zeroshop_steps.segment.objects import VOTE_ODDS, NothingFound, SceneObjects, TwoObjects, cut_block, find_objects
+from zeroshop_steps.segment.outlines.windows import CLOSER, choose_windows, lay_back, scale_windows
+from zeroshop_steps.segment.photometry.exposure import Exposure
+from zeroshop_steps.segment.quality.mask_quality import MaskQuality, MasksRejected, compare_with_hull, describe_quality
+from zeroshop_steps.segment.quality.mask_scores import REASONS, Measures, Score, measure, score
+from zeroshop_steps.segment.quality.tidy_mask import tidy_mask
 from zeroshop_steps.segment.scene import MaskScene, read_mask_scene, start_guess
-from zeroshop_steps.segment.scores import REASONS, Measures, Score, measure, score
-from zeroshop_steps.segment.solve import Solution, close_holes, solve
 from zeroshop_steps.segment.support import Candidate, propose_supports, settle_support
-from zeroshop_steps.segment.tidy_mask import tidy_mask
-from zeroshop_steps.segment.voxels import VoxelGrid, count_votes, render_silhouettes
-from zeroshop_steps.segment.windows import CLOSER, choose_windows, lay_back, scale_windows
+from zeroshop_steps.segment.support_voxels import VoxelGrid, count_votes, render_silhouettes
 
 WIDTH_PX = 480  # masks are cut at this width at most; time grows with its square
 SURE, LEAST = 0.85, 0.66

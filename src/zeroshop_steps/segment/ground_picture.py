@@ -11,10 +11,10 @@ import cv2
 import numba
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.registered_views import space_evenly
-from zeroshop_steps.geometry.scene_support import SceneSupport
-from zeroshop_steps.runtime.thread_pool import map_in_threads
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import space_evenly
+from zeroshop_steps.geometry.support.scene_support import SceneSupport
+from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
 
 # Lengths are shares of the cameras' distance from the focus.
 REACH = 0.9  # half the side of the square of the plane that the picture covers

@@ -15,18 +15,18 @@ from typing import Any
 import numpy as np
 import torch
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import compute_overlap, read_image, require_one_size
-from zeroshop_steps.geometry.registered_views import read_views, space_evenly
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import read_views, space_evenly
+from zeroshop_steps.geometry.imaging.images import compute_overlap, read_image, require_one_size
 from zeroshop_steps.networks.devices import DEVICES, choose_device, measure_free_bytes
 from zeroshop_steps.networks.grounding_dino import Box, Detector, choose_box, describe_nothing_found
 from zeroshop_steps.networks.pretrained import require_model
 from zeroshop_steps.networks.sam2 import ObjectTracker, TrackedMask
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.mask_agreement import assess_masks, find_corners
-from zeroshop_steps.segment.mask_quality import check_enough_good, describe_quality
+from zeroshop_steps.segment.quality.mask_agreement import assess_masks, find_corners
+from zeroshop_steps.segment.quality.mask_quality import check_enough_good, describe_quality
+from zeroshop_steps.segment.quality.tidy_mask import tidy_mask
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
-from zeroshop_steps.segment.tidy_mask import tidy_mask
 
 PROMPT = "object in the middle."
 MIN_SCORE = 0.25

@@ -14,17 +14,17 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.contact_sheets import arrange_in_rows
-from zeroshop_steps.geometry.images import read_image, write_image
-from zeroshop_steps.geometry.registered_views import read_views, space_evenly
+from zeroshop_steps.geometry.cameras.registered_views import read_views, space_evenly
+from zeroshop_steps.geometry.imaging.contact_sheets import arrange_in_rows
+from zeroshop_steps.geometry.imaging.images import read_image, write_image
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
-from zeroshop_steps.segment.exposure import estimate_exposure
 from zeroshop_steps.segment.finder import WIDTH_PX, find_all_on
 from zeroshop_steps.segment.objects import NothingFound, SceneObjects
+from zeroshop_steps.segment.photometry.exposure import estimate_exposure
 from zeroshop_steps.segment.scene import MaskScene, read_mask_scene
 from zeroshop_steps.segment.support import propose_supports
-from zeroshop_steps.segment.voxels import render_silhouettes
+from zeroshop_steps.segment.support_voxels import render_silhouettes
 
 TABLE, PICTURE = "objects.json", "objects.png"
 SHOWN, SHOWN_WIDTH_PX = 3, 960  # photos in the picture

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.images import list_images, read_image, read_mask, write_image, write_mask
+from zeroshop_steps.geometry.imaging.images import list_images, read_image, read_mask, write_image, write_mask
 from zeroshop_steps.methods import SEGMENTATIONS
 from zeroshop_steps.runtime.files import atomic_directory, link_or_copy, read_json, write_json
 from zeroshop_steps.segment.record import (

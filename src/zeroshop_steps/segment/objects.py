@@ -8,12 +8,12 @@ from functools import cached_property
 import numpy as np
 from scipy import ndimage
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.registered_views import space_evenly
-from zeroshop_steps.geometry.scene_support import SceneSupport
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import space_evenly
+from zeroshop_steps.geometry.support.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.ground_picture import MOST_VIEWS
-from zeroshop_steps.segment.voxels import VoxelGrid, carve, count_votes, render_silhouettes
+from zeroshop_steps.segment.support_voxels import VoxelGrid, carve, count_votes, render_silhouettes
 
 # Lengths are shares of the cameras' distance from the focus.
 COARSE_VOXELS, REACH = 96, 0.6  # along each edge of the searched block, and half its side

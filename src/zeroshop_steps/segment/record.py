@@ -1,7 +1,7 @@
 """What every segmentation method writes: the registered images with their masks, without images whose mask is bad.
 
-A cameras folder: images/ of equal exposure and white balance (exposure.py), masks/, confidence/, sparse/, registration.json as the
-registration wrote it, segmentation.json with the quality of the masks, exposure.json, and contact_sheet.png, a picture of all masks.
+A cameras folder: images/ of equal exposure and white balance (photometry/exposure.py), masks/, confidence/, sparse/, registration.json as
+the registration wrote it, segmentation.json with the quality of the masks, exposure.json, and contact_sheet.png, a picture of all masks.
 """
 
 import argparse
@@ -13,20 +13,20 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.contact_sheets import RED, arrange_in_rows, tile_size_px, write_label
-from zeroshop_steps.geometry.images import read_image, write_image, write_mask
-from zeroshop_steps.geometry.registered_views import CONFIDENCE, View
-from zeroshop_steps.geometry.sparse_files import read_reconstruction, write_reconstruction
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import CONFIDENCE, View
+from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction, write_reconstruction
+from zeroshop_steps.geometry.imaging.contact_sheets import RED, arrange_in_rows, tile_size_px, write_label
+from zeroshop_steps.geometry.imaging.images import read_image, write_image, write_mask
 from zeroshop_steps.register.refinement.camera_deviation import write_deviations
 from zeroshop_steps.register.refinement.silhouette_refinement import Straightened, carry_plane, straighten_cameras, warn_of_bent_cameras
 from zeroshop_steps.register.scene.record import read_registration
+from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import atomic_directory, link_or_copy, read_json, write_json
-from zeroshop_steps.runtime.thread_pool import map_in_threads
-from zeroshop_steps.segment.exposure import Exposure, equalize_exposure, estimate_exposure
-from zeroshop_steps.segment.mask_agreement import assess_masks
-from zeroshop_steps.segment.mask_quality import MasksRejected, find_contradicted
+from zeroshop_steps.segment.photometry.exposure import Exposure, equalize_exposure, estimate_exposure
+from zeroshop_steps.segment.quality.mask_agreement import assess_masks
+from zeroshop_steps.segment.quality.mask_quality import MasksRejected, find_contradicted
 
 DARKENED_BY = 3  # what lies outside a mask, on the sheet of all masks
 RECORD = "segmentation.json"

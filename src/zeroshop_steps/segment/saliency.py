@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.networks.object_finder import cut_main_things
-from zeroshop_steps.networks.saliency_maps import FINE_WIDTH_PX
-from zeroshop_steps.networks.salient_networks import DEFAULT
-from zeroshop_steps.networks.salient_object import add_network_arguments, load_network
+from zeroshop_steps.networks.saliency.object_finder import cut_main_things
+from zeroshop_steps.networks.saliency.saliency_maps import FINE_WIDTH_PX
+from zeroshop_steps.networks.saliency.salient_networks import DEFAULT
+from zeroshop_steps.networks.saliency.salient_object import add_network_arguments, load_network
 from zeroshop_steps.segment import support_plane
 from zeroshop_steps.segment.finder import WIDTH_PX
-from zeroshop_steps.segment.mask_agreement import assess_masks
-from zeroshop_steps.segment.mask_quality import check_enough_good, describe_quality
+from zeroshop_steps.segment.quality.mask_agreement import assess_masks
+from zeroshop_steps.segment.quality.mask_quality import check_enough_good, describe_quality
 from zeroshop_steps.segment.record import add_common_arguments
 
 METHOD: dict[str, Any] = {"rank": 1, "saliency": True, "runtime_min": 60}

@@ -8,16 +8,16 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera, SparseModel
-from zeroshop_steps.geometry.rays import find_nearest_point
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.scene_support import SceneSupport, find_scene_focus
-from zeroshop_steps.networks.object_finder import keep_main_thing
-from zeroshop_steps.networks.salient_object import SalientObjectNetwork
-from zeroshop_steps.runtime.thread_pool import map_in_threads
-from zeroshop_steps.segment.exposure import Exposure, apply_gain
+from zeroshop_steps.geometry.cameras.pinhole import Camera, SparseModel
+from zeroshop_steps.geometry.cameras.ray_convergence import find_nearest_point
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.support.scene_support import SceneSupport, find_scene_focus
+from zeroshop_steps.networks.saliency.object_finder import keep_main_thing
+from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
+from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
 from zeroshop_steps.segment.ground_picture import GroundPicture, build_ground_picture
-from zeroshop_steps.segment.windows import Window, take_whole
+from zeroshop_steps.segment.outlines.windows import Window, take_whole
+from zeroshop_steps.segment.photometry.exposure import Exposure, apply_gain
 
 KEPT_WIDTH_PX = 1600  # of photos in memory: windows of them are looked at closer, and 60 large photos would not fit
 LEAST_RAYS = 3  # photos in which a network sees something, to tell where that is

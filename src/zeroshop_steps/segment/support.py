@@ -9,22 +9,22 @@ from scipy import sparse
 from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.geometry.cameras import SparseModel
-from zeroshop_steps.geometry.channels import take_largest
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.scene_support import (
+from zeroshop_steps.geometry.cameras.pinhole import SparseModel
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.imaging.channels import take_largest
+from zeroshop_steps.geometry.support.ground_plane import FEW_INLIERS, MIN_CERTAINTY, estimate_up_from_roll
+from zeroshop_steps.geometry.support.scene_support import (
     THRESHOLD_DISTANCES,
     SceneSupport,
     find_scene_focus,
     fit_scene_support,
     measure_aside,
 )
-from zeroshop_steps.geometry.support_plane import FEW_INLIERS, MIN_CERTAINTY, estimate_up_from_roll
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.ground_picture import build_ground_picture
+from zeroshop_steps.segment.mask_hull import Solution
 from zeroshop_steps.segment.scene import MaskScene
-from zeroshop_steps.segment.solve import Solution
-from zeroshop_steps.segment.voxels import splat_voxels
+from zeroshop_steps.segment.support_voxels import splat_voxels
 
 # Lengths are shares of the cameras' distance from the focus.
 LINK, LINKS, LEAST_POINTS = 0.03, 5, 20  # points so close to so many others are of one cluster, of at least so many

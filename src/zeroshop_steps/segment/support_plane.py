@@ -4,12 +4,12 @@ import argparse
 import time
 from pathlib import Path
 
-from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.networks.saliency_maps import find_maps
-from zeroshop_steps.networks.salient_object import SalientObjectNetwork
-from zeroshop_steps.segment.exposure import estimate_exposure
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.networks.saliency.saliency_maps import find_maps
+from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.segment.finder import WIDTH_PX, find_masks
 from zeroshop_steps.segment.list_objects import read_center
+from zeroshop_steps.segment.photometry.exposure import estimate_exposure
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
 
 METHOD = {"rank": 2, "in_scene": True, "runtime_min": 60}

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.bop.scene import read_scene, write_scene
-from zeroshop_steps.geometry.images import compute_overlap, write_image
+from zeroshop_steps.bop.formats.bop_scenes import read_scene, write_scene
+from zeroshop_steps.geometry.imaging.images import compute_overlap, write_image
 from zeroshop_steps.grasp.antipodal import GraspOptions
 from zeroshop_steps.grasp.gripper import GRIPPERS, find_gripper
 from zeroshop_steps.runtime.errors import warn
@@ -25,17 +25,17 @@ from zeroshop_steps.runtime.files import atomic_directory, scratch_directory
 from zeroshop_steps.runtime.progress import track
 from zeroshop_steps.runtime.tables import write_table
 from zeroshop_steps.simulate.camera import in_memory
+from zeroshop_steps.simulate.dynamics.lifting import SUCCESS, Lift, lift
+from zeroshop_steps.simulate.dynamics.physics import USUAL
 from zeroshop_steps.simulate.failure_pictures import draw_failure
 from zeroshop_steps.simulate.known_grasps import grasps_of_model
-from zeroshop_steps.simulate.lifting import SUCCESS, Lift, lift
 from zeroshop_steps.simulate.measure import SEGMENTED_IOU
 from zeroshop_steps.simulate.perception import Perception
-from zeroshop_steps.simulate.physics import USUAL
 from zeroshop_steps.simulate.protocol import ProtocolPose
 from zeroshop_steps.simulate.protocol_images import FirstLook, photograph_rest, read_first_looks
 from zeroshop_steps.simulate.robot import Plan, Robot
 from zeroshop_steps.simulate.true_object import TrueObject, in_mm, read_true_object
-from zeroshop_steps.synthetic.shading import use_threads
+from zeroshop_steps.synthetic.rendering.shading import use_threads
 
 READS_FAILURES = True
 COLUMNS = (

@@ -5,17 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zeroshop_steps.bop.scene import HALF_PX, Frame
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.viewpoints import look_at
+from zeroshop_steps.bop.formats.bop_scenes import HALF_PX, Frame
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.viewpoints import look_at
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.synthetic.table_scene import RgbdImage, TableScene, render_raycast
+from zeroshop_steps.synthetic.scenes.table_scene import RgbdImage, TableScene, render_raycast
 
 WIDTH_PX, HEIGHT_PX = 640, 480
 INTRINSICS = np.array([[538.391, 0.0, 315.307], [0.0, 538.085, 233.048], [0.0, 0.0, 1.0]])  # BOP's K of the HSR's camera
 CENTRE_MM, TARGET_MM = np.array([-500.0, 0.0, 500.0]), np.array([0.0, 0.0, 40.0])  # the head looks down at the table from 0.7 m
-TABLE_RADIUS_MM = 110.0  # things within it have a table that fills the image: 1.65 m wide
 MERGED_MM, SURFACE_CELLS = 3.0, 120  # of the baked light: half as fine as test sets have it, since here every image has its own
 
 
@@ -67,7 +66,8 @@ def photograph(things: Sequence[Mesh], world_from_models: Sequence[np.ndarray], 
         plain: whether the table is nearly uniform, or richly textured.
     """
     rng = np.random.default_rng(seed)
-    scene = TableScene(things, world_from_models, rng, plain, TABLE_RADIUS_MM)
+    # The table then fills the image: 1.65 m wide.
+    scene = TableScene(things, world_from_models, rng, plain, 110.0)
     ((camera, linear),) = render_raycast(scene, [hsr_camera()], MERGED_MM, SURFACE_CELLS)
     return scene.photograph(camera, linear, rng)
 

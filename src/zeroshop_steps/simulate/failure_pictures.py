@@ -4,23 +4,22 @@ import cv2
 import numpy as np
 import trimesh
 
-from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.contact_sheets import GREEN, RED, write_label
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.transforms import transform_points
-from zeroshop_steps.geometry.viewpoints import look_at, make_intrinsics
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.geometry.cameras.viewpoints import look_at, make_intrinsics
+from zeroshop_steps.geometry.imaging.contact_sheets import GREEN, RED, write_label
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.meshes.units import MM_PER_M
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.grasp.gripper import Gripper
 from zeroshop_steps.simulate.camera import SensedFrame
-from zeroshop_steps.simulate.lifting import Lift, Snapshot
+from zeroshop_steps.simulate.dynamics.lifting import Lift, Snapshot
 from zeroshop_steps.simulate.robot import Plan, Robot
-from zeroshop_steps.simulate.true_object import MM_PER_METRE, TrueObject, in_mm
+from zeroshop_steps.simulate.true_object import TrueObject, in_mm
 
-BLUE = (60, 120, 255)
 CROP_SIDE_PX, PANEL_PX = 240, 320  # of the image around the object, and of each panel
 SIDE_CENTRE_MM, SIDE_TARGET_MM, SIDE_FOCAL_PX = np.array([-330.0, -560.0, 330.0]), np.array([0.0, 0.0, 90.0]), 420.0
-TABLE_MM = (500.0, 500.0, 4.0)
 
 
 def draw_failure(
@@ -50,7 +49,7 @@ def _draw_belief(true: TrueObject, robot: Robot, frame: SensedFrame, plan: Plan,
     draw_outline(picture, silhouette(true.mesh, camera_from_model, frame.intrinsics, picture.shape), GREEN)
     label = plan.result or "grasp chosen"
     if plan.sighting:
-        draw_outline(picture, plan.sighting.mask, BLUE)
+        draw_outline(picture, plan.sighting.mask, (60, 120, 255))
         if plan.sighting.camera_from_model is not None:
             mesh = robot.perception.models[robot.object_id].mesh
             draw_outline(picture, silhouette(mesh, plan.sighting.camera_from_model, frame.intrinsics, picture.shape), RED)
@@ -77,10 +76,10 @@ def draw_outline(picture: np.ndarray, mask: np.ndarray, color: tuple[int, int, i
 def _draw_world(true: TrueObject, gripper: Gripper, snapshot: Snapshot) -> np.ndarray:
     """The world from the side, shaded, at the end of a stage."""
     boxes = [
-        _box(low * MM_PER_METRE, high * MM_PER_METRE, in_mm(snapshot.world_from_gripper))
+        _box(low * MM_PER_M, high * MM_PER_M, in_mm(snapshot.world_from_gripper))
         for low, high in gripper.boxes(np.array([snapshot.opening_m]))[0]
     ]
-    half = np.array(TABLE_MM) / 2
+    half = np.array([500.0, 500.0, 4.0]) / 2
     table = _box(np.array([-half[0], -half[1], -2 * half[2]]), np.array([half[0], half[1], 0.0]), np.eye(4))
     thing = Mesh(transform_points(true.mesh.vertices, in_mm(snapshot.world_from_object)), true.mesh.faces)
     world = _join([thing, *boxes, table])

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.models import model_path
-from zeroshop_steps.finish.underside import close_underside
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.metric_mesh import MetricMesh, read_metric_mesh
-from zeroshop_steps.geometry.solids import count_open_edges
+from zeroshop_steps.bop.formats.models import model_path
+from zeroshop_steps.finish.closing.underside import close_underside
+from zeroshop_steps.geometry.meshes.mass_properties import count_open_edges
+from zeroshop_steps.geometry.meshes.metric_mesh import MetricMesh, read_metric_mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.grasp.antipodal import HOLLOW_TEXT, FoundGrasps, GraspOptions, find_grasps
 from zeroshop_steps.grasp.gripper import Gripper
 from zeroshop_steps.runtime.errors import StepError, warn

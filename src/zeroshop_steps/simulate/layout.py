@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.scene import HALF_PX
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.bop.formats.bop_scenes import HALF_PX
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
+from zeroshop_steps.geometry.cameras.transforms import transform_points
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.simulate.camera import HEIGHT_PX, WIDTH_PX, hsr_camera
-from zeroshop_steps.synthetic.clutter import RigidBody, place_bodies
+from zeroshop_steps.synthetic.scenes.clutter import RigidBody, place_bodies
 
 CLEAR_GAP_MM, CLOSE_GAP_MM = 20.0, 3.0  # between convex hulls, at least: room for a finger, and hardly any
 CLEAR_PX = 6  # between silhouettes, at least, where things are to be clear of one another

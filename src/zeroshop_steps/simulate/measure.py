@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from zeroshop_steps.bop.pose_error import ModelPoints, mssd
+from zeroshop_steps.bop.scoring.pose_error import ModelPoints, mssd
 
 SEGMENTED_IOU = 0.5
 """Of a mask with the true visible one, from which the object counts as segmented."""

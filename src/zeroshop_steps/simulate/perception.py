@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
+from zeroshop_steps.bop.formats.models import ObjectModel, list_objects, read_models
 from zeroshop_steps.detect import contour
 from zeroshop_steps.detect.detector_io import ObjectMask
 from zeroshop_steps.detect.joined import join_touching

@@ -10,18 +10,17 @@ import sys
 from pathlib import Path
 
 from zeroshop_steps.assets.convex_parts import split_convex
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.solids import measure_solid
+from zeroshop_steps.geometry.meshes.mass_properties import measure_solid
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.meshes.units import M_PER_MM
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import read_table
-from zeroshop_steps.simulate.physical_body import PhysicalBody, write_body
+from zeroshop_steps.simulate.dynamics.physical_body import PhysicalBody, write_body
 
 CACHED = Cached(inputs=("model",))
 MASSES = Path(__file__).with_name("true_masses.csv")
-METRES_PER_MM = 0.001
-CONCAVITY = 0.05  # CoACD's default: up to which a part counts as convex
 MOST_PARTS, SEED = -1, 0  # as many parts as that takes
 
 
@@ -54,7 +53,8 @@ def find_mass_kg(name: str) -> float:
 
 def make_body(mesh: Mesh, mass_kg: float, name: str) -> PhysicalBody:
     """The body of a closed model in millimetres; `name` is its file's, for messages. Raises StepError where it is open."""
-    metric = Mesh(mesh.vertices * METRES_PER_MM, mesh.faces)
+    metric = Mesh(mesh.vertices * M_PER_MM, mesh.faces)
     solid = measure_solid(metric, name)
-    parts = tuple(part.vertices for part in split_convex(metric, CONCAVITY, MOST_PARTS, SEED))
+    # CoACD's default: up to which a part counts as convex.
+    parts = tuple(part.vertices for part in split_convex(metric, 0.05, MOST_PARTS, SEED))
     return PhysicalBody(parts, mass_kg, solid.centre, solid.inertia_of(mass_kg))

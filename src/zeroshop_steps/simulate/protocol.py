@@ -5,14 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.placements import Placement, placements_of_hull
+from zeroshop_steps.geometry.support.placements import Placement, placements_of_hull
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.simulate.physical_body import PhysicalBody
+from zeroshop_steps.simulate.dynamics.physical_body import PhysicalBody
 
-TURNS_DEG = (0.0, 90.0, 180.0, 270.0)
 FACING_ROBOT_DEG = 180.0  # the robot looks along +x of the table, and at 0 degrees the object's front, its x axis, faces it
 LEAST_STABILITY_DEG = 8.0  # what falls over on a table tilted by less is not put upright or upside down; what lies may roll
-DROP_M = 0.001  # above the table, from which it is let go
 
 
 @dataclass(frozen=True)
@@ -47,7 +45,7 @@ def choose_poses(body: PhysicalBody, name: str) -> list[ProtocolPose]:
     second = _first_of_kind(others, "flipped") or _first_of_kind(others, "lying") or (others[0] if others else None)
     if first is None or second is None:
         raise StepError(f"{name} rests on a table in fewer than two ways; the eight poses need two")
-    turned = [(one, turn) for one in (first, second) for turn in TURNS_DEG]
+    turned = [(one, turn) for one in (first, second) for turn in (0.0, 90.0, 180.0, 270.0)]
     return [ProtocolPose(number, one.kind, turn, _turn(one, turn)) for number, (one, turn) in enumerate(turned, 1)]
 
 
@@ -58,5 +56,6 @@ def _first_of_kind(placements: list[Placement], kind: str) -> Placement | None:
 def _turn(placement: Placement, turn_deg: float) -> np.ndarray:
     turn = np.eye(4)
     turn[:3, :3] = Rotation.from_euler("z", FACING_ROBOT_DEG + turn_deg, degrees=True).as_matrix()
-    turn[2, 3] = DROP_M
+    # A millimetre above the table, from which it is let go.
+    turn[2, 3] = 0.001
     return turn @ placement.plane_from_object

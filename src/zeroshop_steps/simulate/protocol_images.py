@@ -11,19 +11,19 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.scene import Frame, read_scene, write_scene
+from zeroshop_steps.bop.formats.bop_scenes import Frame, read_scene, write_scene
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
 from zeroshop_steps.grasp.gripper import GRIPPERS
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.runtime.progress import track
 from zeroshop_steps.simulate.camera import SensedFrame, in_memory, photograph
-from zeroshop_steps.simulate.lifting import settle
-from zeroshop_steps.simulate.physics import USUAL
+from zeroshop_steps.simulate.dynamics.lifting import settle
+from zeroshop_steps.simulate.dynamics.physics import USUAL
 from zeroshop_steps.simulate.protocol import ProtocolPose, choose_poses
 from zeroshop_steps.simulate.true_object import TrueObject, in_mm, read_true_object
 from zeroshop_steps.synthetic.make_test_scenes import write_frame
-from zeroshop_steps.synthetic.shading import use_threads
+from zeroshop_steps.synthetic.rendering.shading import use_threads
 
 CACHED = Cached(inputs=("model", "body"), ignored=("threads",))
 

@@ -11,21 +11,20 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.models import list_objects, read_models
-from zeroshop_steps.bop.scene import write_scene
+from zeroshop_steps.bop.formats.bop_scenes import write_scene
+from zeroshop_steps.bop.formats.models import list_objects, read_models
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.runtime.progress import track
 from zeroshop_steps.simulate.camera import photograph
 from zeroshop_steps.simulate.layout import Layout
-from zeroshop_steps.synthetic.clutter import make_body
 from zeroshop_steps.synthetic.make_test_scenes import write_frame
-from zeroshop_steps.synthetic.shading import use_threads
+from zeroshop_steps.synthetic.rendering.shading import use_threads
+from zeroshop_steps.synthetic.scenes.clutter import make_body
 
 CLEAR, OVERLAPPING = "clear", "overlapping"
 LAYOUTS = "layouts.json"
-MOST_OBJECTS = 8
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,7 +49,7 @@ def run(args: argparse.Namespace) -> None:
     with atomic_directory(args.out) as folder:
         for scene_id, kind in track(enumerate(layouts, 1), "tables", len(layouts)):
             rng = np.random.default_rng([args.seed, scene_id])
-            chosen = sorted(rng.permutation(list(models))[:MOST_OBJECTS].tolist())
+            chosen = sorted(rng.permutation(list(models))[:8].tolist())
             layout = Layout([bodies[number] for number in chosen], [renderers[number] for number in chosen])
             poses = dict(enumerate(layout.draw(rng, kind == CLEAR)))
             picture = photograph([models[number].mesh for number in chosen], list(poses.values()), [args.seed, scene_id, 0])

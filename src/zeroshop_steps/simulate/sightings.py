@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
-from zeroshop_steps.bop.scene import Frame, list_scenes, read_scene
-from zeroshop_steps.geometry.contact_sheets import GREEN, RED
-from zeroshop_steps.geometry.images import compute_overlap, write_image
+from zeroshop_steps.bop.formats.bop_scenes import Frame, list_scenes, read_scene
+from zeroshop_steps.bop.formats.models import ObjectModel, list_objects, read_models
+from zeroshop_steps.geometry.imaging.contact_sheets import GREEN, RED
+from zeroshop_steps.geometry.imaging.images import compute_overlap, write_image
 from zeroshop_steps.pose.confidence import SAME_DIAMETERS
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import atomic_directory, read_json

@@ -5,15 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.symmetry import list_symmetry_transforms
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.surface_parts import with_texture
+from zeroshop_steps.bop.formats.symmetry import list_symmetry_transforms
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.surface_parts import with_texture
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.simulate.dynamics.physical_body import PhysicalBody, read_body
 from zeroshop_steps.simulate.measure import pose_error_mm
-from zeroshop_steps.simulate.physical_body import PhysicalBody, read_body
-
-MM_PER_METRE = 1000.0
 
 
 @dataclass(frozen=True)
@@ -55,12 +54,12 @@ def read_true_object(model: Path, body: Path, aligned: Path | None) -> TrueObjec
 def in_mm(transform: np.ndarray) -> np.ndarray:
     """A (4, 4) rigid transform of metres as one of millimetres."""
     scaled = transform.copy()
-    scaled[:3, 3] *= MM_PER_METRE
+    scaled[:3, 3] *= MM_PER_M
     return scaled
 
 
 def in_metres(transform: np.ndarray) -> np.ndarray:
     """A (4, 4) rigid transform of millimetres as one of metres."""
     scaled = transform.copy()
-    scaled[:3, 3] /= MM_PER_METRE
+    scaled[:3, 3] /= MM_PER_M
     return scaled

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.open3d_loader import o3d
-from zeroshop_steps.surface.raw_mesh import OFFSET_VOXELS, extract_mesh, make_tsdf_grid, read_mesh_views, write_raw_mesh
-from zeroshop_steps.surface.silhouettes import fit_to_masks
-from zeroshop_steps.surface.training_views import TrainingView
+from zeroshop_steps.surface.meshing.raw_mesh import OFFSET_VOXELS, extract_mesh, make_tsdf_grid, read_mesh_views, write_raw_mesh
+from zeroshop_steps.surface.meshing.silhouette_offset import fit_to_masks
+from zeroshop_steps.surface.rendering.training_views import TrainingView
 from zeroshop_steps.surface.twodgs.render import RenderView, render_surface_depth
 from zeroshop_steps.surface.twodgs.surfels import Surfels, read_splat_ply
 

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from zeroshop_steps.runtime.cache import Cached
-from zeroshop_steps.runtime.kernel_devices import DEVICES, choose_kernel_device
+from zeroshop_steps.runtime.compute.kernel_devices import DEVICES, choose_kernel_device
 
 CACHED = Cached(
     inputs=("cameras/images", "cameras/masks", "cameras/confidence", "cameras/sparse"),
@@ -28,12 +28,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from zeroshop_steps.geometry.crops import fit_object_sphere
+    from zeroshop_steps.geometry.cameras.object_crops import fit_object_sphere
+    from zeroshop_steps.runtime.compute.threads import use_threads
     from zeroshop_steps.runtime.files import write_json
-    from zeroshop_steps.runtime.threads import use_threads
-    from zeroshop_steps.surface.depth_consistency import find_seeds
-    from zeroshop_steps.surface.seeds import carve_hull, write_seeds
-    from zeroshop_steps.surface.training_views import make_grid_view, make_seed_views, read_camera_set
+    from zeroshop_steps.surface.mvs.depth_consistency import find_seeds
+    from zeroshop_steps.surface.mvs.seeds import carve_hull, write_seeds
+    from zeroshop_steps.surface.rendering.training_views import make_grid_view, make_seed_views, read_camera_set
 
     threads, device = use_threads(args.threads), choose_kernel_device(args.device)
     start_s, start_cpu_s = time.monotonic(), time.process_time()

@@ -14,16 +14,16 @@ import numpy as np
 import torch
 from scipy.ndimage import gaussian_filter
 
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.open3d_loader import o3d
-from zeroshop_steps.surface.depth_maps import look_up_depths
-from zeroshop_steps.surface.raw_mesh import GRID_BLOCK, OFFSET_VOXELS, extract_mesh, make_tsdf_grid, read_mesh_views, write_raw_mesh
-from zeroshop_steps.surface.silhouettes import fit_to_masks
+from zeroshop_steps.surface.meshing.raw_mesh import GRID_BLOCK, OFFSET_VOXELS, extract_mesh, make_tsdf_grid, read_mesh_views, write_raw_mesh
+from zeroshop_steps.surface.meshing.silhouette_offset import fit_to_masks
+from zeroshop_steps.surface.mvs.depth_maps import look_up_depths
+from zeroshop_steps.surface.rendering.training_views import TrainingView
 from zeroshop_steps.surface.svraster.density_grid import DensityGrid, fuse_signed_distances, half_opacity_value
 from zeroshop_steps.surface.svraster.render import RenderView, render
 from zeroshop_steps.surface.svraster.voxels import Voxels, read_voxels
-from zeroshop_steps.surface.training_views import TrainingView
 
 # The bounds below were tuned on the demo mustard bottle. A step is the distance of two points of the lattice.
 REACH_STEPS = 4.0

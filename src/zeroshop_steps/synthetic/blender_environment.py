@@ -19,10 +19,9 @@ from types import ModuleType
 from zeroshop_steps.runtime.check_install import missing_packages
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
-from zeroshop_steps.synthetic.blender import check, start
+from zeroshop_steps.synthetic.blender import probe, start
 
 PYTHON = (3, 11)  # the one that Blender's module is built for
-KEPT_LINES = 12  # of a command's output, for the error where it fails
 # With nothing on the module path but that environment and, behind it, this package.
 LAUNCH = "import runpy, sys; sys.path.append(sys.argv.pop(1)); runpy.run_module(sys.argv.pop(1), run_name='__main__', alter_sys=True)"
 SOURCES = Path(__file__).parents[2]
@@ -54,7 +53,7 @@ def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
     python = Path(sys.executable) if find_spec("bpy") else make_environment(args.requirements, args.folder)
     versions = {"bpy": start.BPY_VERSION, "blenderproc": start.BLENDERPROC_VERSION}
-    for _ in _read_messages(python, check, [], f"the Python {python}"):
+    for _ in _read_messages(python, probe, [], f"the Python {python}"):
         pass
     write_json(args.out, {"python": str(python), **versions})
 
@@ -111,7 +110,7 @@ def run_script(environment: Path, script: ModuleType, arguments: Sequence[str]) 
 
 def _read_messages(python: Path, script: ModuleType, arguments: Sequence[str], where: str) -> Iterator[tuple[str, str]]:
     """Yield the lines that a module of `blender/` tells; the process never outlives this."""
-    last: deque[str] = deque(maxlen=KEPT_LINES)
+    last: deque[str] = deque(maxlen=12)
     command = [str(python), "-I", "-c", LAUNCH, str(SOURCES), script.__name__, *arguments]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
     assert process.stdout is not None, "it is a pipe"

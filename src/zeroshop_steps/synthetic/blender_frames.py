@@ -14,17 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.mesh_repair import find_triangles
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.mesh_repair import find_triangles
 from zeroshop_steps.runtime.files import atomic_write, write_json
 from zeroshop_steps.runtime.progress import ProgressReport
-from zeroshop_steps.synthetic import lighting
-from zeroshop_steps.synthetic.blender import render as render_script
+from zeroshop_steps.synthetic.blender import render_frames as render_script
 from zeroshop_steps.synthetic.blender import world
 from zeroshop_steps.synthetic.blender_environment import run_script
-from zeroshop_steps.synthetic.renderer import BACKGROUND, RenderedView
-from zeroshop_steps.synthetic.scene_meshes import SceneMesh
+from zeroshop_steps.synthetic.rendering import lighting
+from zeroshop_steps.synthetic.rendering.renderer import BACKGROUND, RenderedView
+from zeroshop_steps.synthetic.scenes.scene_meshes import SceneMesh
 
 OBJECT_ROUGHNESS, SURFACE_ROUGHNESS = 0.4, 0.8  # of Blender's material, 0 a mirror, 1 chalk
 BACKGROUND_GREYS = (0.85 * BACKGROUND, 0.3 * BACKGROUND)  # the ray caster's: level, and what it gains towards the zenith

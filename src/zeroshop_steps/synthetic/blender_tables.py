@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.synthetic.blender import settle as settle_script
 from zeroshop_steps.synthetic.blender_environment import run_script
 from zeroshop_steps.synthetic.blender_frames import make_scene_objects, render_frames
 from zeroshop_steps.synthetic.blender_frames import read_frames as finished_pictures
-from zeroshop_steps.synthetic.clutter import RigidBody, drop_bodies
-from zeroshop_steps.synthetic.scene_meshes import make_object_mesh
-from zeroshop_steps.synthetic.table_scene import TableScene
+from zeroshop_steps.synthetic.scenes.clutter import RigidBody, drop_bodies
+from zeroshop_steps.synthetic.scenes.scene_meshes import make_object_mesh
+from zeroshop_steps.synthetic.scenes.table_scene import TableScene
 
 MOVED_MM = 0.5  # in the last part of the simulation; what moved farther is not at rest
 BELOW_MM = 1.0  # what lies deeper in the table fell through it

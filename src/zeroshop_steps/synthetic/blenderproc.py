@@ -11,17 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.synthetic import blender_tables, virtual_capture
 from zeroshop_steps.synthetic.blender_frames import make_scene_objects, read_frames, render_frames
-from zeroshop_steps.synthetic.camera_rings import USUAL_RINGS, ObjectBounds, Rings
-from zeroshop_steps.synthetic.clutter import RigidBody
-from zeroshop_steps.synthetic.lighting import LIGHT_STRENGTHS, place_lights
-from zeroshop_steps.synthetic.renderer import RenderedView
-from zeroshop_steps.synthetic.scene_meshes import SceneMesh
-from zeroshop_steps.synthetic.table_scene import TableBackend, TableScene
+from zeroshop_steps.synthetic.rendering.lighting import LIGHT_STRENGTHS, place_lights
+from zeroshop_steps.synthetic.rendering.renderer import RenderedView
+from zeroshop_steps.synthetic.scenes.camera_rings import USUAL_RINGS, ObjectBounds, Rings
+from zeroshop_steps.synthetic.scenes.clutter import RigidBody
+from zeroshop_steps.synthetic.scenes.scene_meshes import SceneMesh
+from zeroshop_steps.synthetic.scenes.table_scene import TableBackend, TableScene
 
 CACHED = Cached(inputs=("model",), ignored=("threads", "environment"))
 

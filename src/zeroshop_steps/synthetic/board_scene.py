@@ -12,30 +12,27 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.board_files import BOARDS
-from zeroshop_steps.geometry.cameras import Camera, write_cameras
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.printed_board import Board, draw_board
-from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.boards.board_files import BOARDS
+from zeroshop_steps.geometry.boards.printed_board import Board, draw_board
+from zeroshop_steps.geometry.cameras.pinhole import Camera, write_cameras
+from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import atomic_directory, write_json
 from zeroshop_steps.synthetic import raycast, virtual_capture
-from zeroshop_steps.synthetic.camera_rings import LENS_MM, SENSOR_WIDTH_MM, ObjectBounds
-from zeroshop_steps.synthetic.renderer import SceneRenderer, expose
-from zeroshop_steps.synthetic.scene_meshes import SCENES, SURFACE_SIDE_IN_SIZES, make_object_mesh, make_surface_mesh
-from zeroshop_steps.synthetic.shading import use_threads
+from zeroshop_steps.synthetic.rendering.renderer import SceneRenderer, expose
+from zeroshop_steps.synthetic.rendering.shading import use_threads
+from zeroshop_steps.synthetic.scenes.camera_rings import LENS_MM, SENSOR_WIDTH_MM, ObjectBounds
+from zeroshop_steps.synthetic.scenes.scene_meshes import SCENES, SURFACE_SIDE_IN_SIZES, make_object_mesh, make_surface_mesh
 
 CACHED = Cached(inputs=("model",), ignored=("threads",))
 VIEWS = ("object", "empty")
 SCENE = "su_h"
 BOARD = BOARDS["a4"]
-AZIMUTH_DEG = 118.0  # of the board, from the object's front
 GAP_MM = 5.0  # between the object and the board's squares; paper is left white around them
 WHITE, BLACK = 226, 26  # of the print, sRGB
 EMPTY_VIEWS = 6  # photos of the empty scene
-EMPTY_ELEVATIONS_DEG = (35.0, 52.0)  # of the cameras, in turn
-EMPTY_AZIMUTH_DEG = 17.0  # of the first one, from the object's front
 LEAST_DISTANCE_MM = 550.0  # to have the board in the photo
 
 
@@ -93,8 +90,8 @@ def place_empty_cameras(
     intrinsics = make_intrinsics(focal_px, width_px, height_px)
     cameras = []
     for view in range(EMPTY_VIEWS):
-        azimuth = np.radians(bounds.front_azimuth_deg + 360.0 * view / EMPTY_VIEWS + EMPTY_AZIMUTH_DEG)
-        elevation = np.radians(EMPTY_ELEVATIONS_DEG[view % 2])
+        azimuth = np.radians(bounds.front_azimuth_deg + 360.0 * view / EMPTY_VIEWS + 17.0)
+        elevation = np.radians((35.0, 52.0)[view % 2])
         direction = direction_at(azimuth, elevation)
         pose = look_at(target + max(bounds.distance_mm, LEAST_DISTANCE_MM) * direction, target)
         cameras.append(Camera(f"{view:06d}.png", width_px, height_px, intrinsics, pose))
@@ -103,7 +100,7 @@ def place_empty_cameras(
 
 def compute_surface_from_board(mesh: Mesh, bounds: ObjectBounds, board: Board, gap_mm: float = GAP_MM) -> np.ndarray:
     """(4, 4) model frame from the board's (x right, y down, as print is read from above): a long side faces the object, `gap_mm` away."""
-    azimuth = np.radians(AZIMUTH_DEG + bounds.front_azimuth_deg)
+    azimuth = np.radians(118.0 + bounds.front_azimuth_deg)
     outwards = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     along = np.array([-outwards[1], outwards[0], 0.0])
     foot = np.array([bounds.centre_mm[0], bounds.centre_mm[1], bounds.bottom_mm])

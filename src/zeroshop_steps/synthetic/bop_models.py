@@ -8,10 +8,10 @@ import shutil
 import zipfile
 from pathlib import Path
 
-from zeroshop_steps.bop.models import describe_model, read_models_info
-from zeroshop_steps.bop.symmetry import check_symmetries
-from zeroshop_steps.geometry.mesh_files import SUFFIXES, find_mesh, read_mesh, write_copy
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.bop.formats.models import describe_model, read_models_info
+from zeroshop_steps.bop.formats.symmetry import check_symmetries
+from zeroshop_steps.geometry.meshes.mesh_files import SUFFIXES, find_mesh, read_mesh, write_copy
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.downloads import download
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory, locked, write_json

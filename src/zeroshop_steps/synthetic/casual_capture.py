@@ -12,19 +12,19 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.cameras import Camera, write_cameras
-from zeroshop_steps.geometry.images import write_mask
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.cameras.pinhole import Camera, write_cameras
+from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.imaging.images import write_mask
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, atomic_write, write_json
 from zeroshop_steps.runtime.progress import track
 from zeroshop_steps.synthetic import virtual_capture
-from zeroshop_steps.synthetic.camera_rings import ObjectBounds
-from zeroshop_steps.synthetic.casual_scene import DIFFICULTIES, FULL_ROUND_DEG, CasualRenderer, Style, choose_style, lay_scene
-from zeroshop_steps.synthetic.renderer import expose
-from zeroshop_steps.synthetic.shading import use_threads
+from zeroshop_steps.synthetic.rendering.renderer import expose
+from zeroshop_steps.synthetic.rendering.shading import use_threads
+from zeroshop_steps.synthetic.scenes.camera_rings import ObjectBounds
+from zeroshop_steps.synthetic.scenes.casual_scene import DIFFICULTIES, FULL_ROUND_DEG, CasualRenderer, Style, choose_style, lay_scene
 
 CACHED = Cached(inputs=("model",), ignored=("threads",))
 LONG_SIDE_PX = 720
@@ -39,7 +39,6 @@ BRIGHT_LEVELS, HARD_BRIGHT_LEVELS = (0.62, 0.82), (0.28, 1.25)  # linear light o
 TINT_DEVIATION, HARD_TINT_DEVIATION = 0.02, 0.06  # standard deviations of the logarithm, of each colour
 BLUR_PX, HARD_BLUR_PX = (0.35, 0.6), (0.4, 1.3)
 NOISE, HARD_NOISE = 0.004, 0.018  # of linear light, beside that of a good sensor
-JPEG_QUALITY = 90
 HELD_OUT = 3  # photos for judging alone
 
 
@@ -145,7 +144,7 @@ def photograph(linear: np.ndarray, hard: bool, rng: np.random.Generator) -> np.n
 
 
 def _write_photo(path: Path, image: np.ndarray) -> None:
-    done, content = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    done, content = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 90])
     if not done:
         raise StepError(f"{path}: this OpenCV writes no JPEG; install opencv-python-headless")
     with atomic_write(path) as temporary:

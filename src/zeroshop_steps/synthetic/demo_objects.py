@@ -7,8 +7,8 @@ import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import write_ply
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.synthetic.products.assemble import Product, make_model_info, make_textured_mesh

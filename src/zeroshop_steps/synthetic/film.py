@@ -15,21 +15,21 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera, write_cameras
-from zeroshop_steps.geometry.images import write_image, write_mask
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.cameras.pinhole import Camera, write_cameras
+from zeroshop_steps.geometry.imaging.images import write_image, write_mask
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, write_json
 from zeroshop_steps.runtime.progress import track
 from zeroshop_steps.synthetic import virtual_capture
 from zeroshop_steps.synthetic.board_scene import place_empty_cameras
-from zeroshop_steps.synthetic.camera_rings import SENSOR_WIDTH_MM
-from zeroshop_steps.synthetic.film_scene import BOARD_GAP_MM, FilmRenderer, FilmTable, lay_table
-from zeroshop_steps.synthetic.handheld_camera import DURATION_S, FOCAL_IN_WIDTHS, HandheldCamera, Lens, SmoothNoise
-from zeroshop_steps.synthetic.renderer import expose
-from zeroshop_steps.synthetic.shading import use_threads
-from zeroshop_steps.synthetic.table_tops import TABLE_TOPS
+from zeroshop_steps.synthetic.rendering.renderer import expose
+from zeroshop_steps.synthetic.rendering.shading import use_threads
+from zeroshop_steps.synthetic.scenes.camera_rings import SENSOR_WIDTH_MM
+from zeroshop_steps.synthetic.scenes.film_scene import BOARD_GAP_MM, FilmRenderer, FilmTable, lay_table
+from zeroshop_steps.synthetic.scenes.handheld_camera import DURATION_S, FOCAL_IN_WIDTHS, FilmLens, HandheldCamera, SmoothNoise
+from zeroshop_steps.synthetic.scenes.table_tops import TABLE_TOPS
 
 CACHED = Cached(inputs=("model",), ignored=("threads",))
 BOARDS = ("beside", "empty_scene")
@@ -37,7 +37,6 @@ SIZE_PX = (960, 540)
 FRAMES = 64
 SHUTTER_S = 1 / 50  # open for each frame
 STEP_PX, MOST_STEPS = 2.0, 4  # the shutter's time is cut into pictures this far apart
-DRIFT_HZ = (0.02, 0.12)  # how fast the automatic exposure and white balance change
 EXPOSURE_DRIFT, TINT_DRIFT = 0.13, 0.02  # standard deviations of the logarithm
 CODEC = "mp4v"
 
@@ -73,9 +72,10 @@ def render_film(
     mesh, bounds, info = virtual_capture.read_object(model, *size_px, seed)
     rng = np.random.default_rng([seed, *np.frombuffer(str(info.get("name", "")).encode(), np.uint8)])
     table = lay_table(mesh, bounds, seed, rng, top)
-    lens = Lens(*size_px)
+    lens = FilmLens(*size_px)
     hand = HandheldCamera(bounds, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))), lens, rng)
-    drift = SmoothNoise(rng, DRIFT_HZ, 4)
+    # As fast as automatic exposure and white balance change.
+    drift = SmoothNoise(rng, (0.02, 0.12), 4)
     with atomic_directory(out) as folder:
         view = FilmRenderer(table, with_object=True, with_board=board_beside)
         cameras = _record(view, hand, drift, rng, folder, frames)
@@ -114,7 +114,7 @@ def _count_steps(hand: HandheldCamera, time_s: float, points_mm: np.ndarray) -> 
 
 
 @contextlib.contextmanager
-def _open_video(path: Path, lens: Lens, frames_a_second: float) -> Iterator[cv2.VideoWriter]:
+def _open_video(path: Path, lens: FilmLens, frames_a_second: float) -> Iterator[cv2.VideoWriter]:
     # One thread: how a frame is cut into slices would depend on their number.
     os.environ.setdefault("OPENCV_FFMPEG_WRITER_OPTIONS", "threads;1")
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*CODEC), frames_a_second, (lens.width_px, lens.height_px))

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
+from zeroshop_steps.geometry.cameras.pinhole import Camera, read_sparse_model
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 

@@ -15,24 +15,23 @@ from types import ModuleType
 import numpy as np
 
 from zeroshop_steps.bop.annotate import annotate
-from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.models import list_objects, read_models
-from zeroshop_steps.bop.scene import HALF_PX, Frame, Instance, write_scene
-from zeroshop_steps.bop.targets import Target, write_targets
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import write_depth_mm, write_image, write_mask
-from zeroshop_steps.geometry.surface_parts import with_texture
+from zeroshop_steps.bop.formats.bop_scenes import HALF_PX, Frame, Instance, write_scene
+from zeroshop_steps.bop.formats.models import list_objects, read_models
+from zeroshop_steps.bop.formats.targets import LEAST_VISIBLE_SHARE, Target, write_targets
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.imaging.images import write_depth_mm, write_image, write_mask
+from zeroshop_steps.geometry.meshes.surface_parts import with_texture
 from zeroshop_steps.methods import RENDERERS
 from zeroshop_steps.runtime.files import atomic_directory, write_json
 from zeroshop_steps.runtime.progress import track
-from zeroshop_steps.synthetic.clutter import make_body
-from zeroshop_steps.synthetic.distractors import make_distractor
-from zeroshop_steps.synthetic.shading import use_threads
-from zeroshop_steps.synthetic.table_scene import RgbdImage, TableScene
+from zeroshop_steps.synthetic.rendering.shading import use_threads
+from zeroshop_steps.synthetic.scenes.clutter import make_body
+from zeroshop_steps.synthetic.scenes.distractors import make_distractor
+from zeroshop_steps.synthetic.scenes.table_scene import RgbdImage, TableScene
 
 OBJECTS = (5, 8)
 DISTRACTORS = (1, 3)
-LEAST_VISIBLE_SHARE = 0.1
 DEPTH_SCALE = 0.1
 
 

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.bop.annotate import annotate
-from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.scene import HALF_PX, Frame, Instance, write_scene
-from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
-from zeroshop_steps.geometry.images import read_depth_mm, read_image, write_depth_mm, write_image, write_mask
-from zeroshop_steps.geometry.ply_surface import read_ply
+from zeroshop_steps.bop.formats.bop_scenes import HALF_PX, Frame, Instance, write_scene
+from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
+from zeroshop_steps.geometry.cameras.pinhole import Camera, read_sparse_model
+from zeroshop_steps.geometry.imaging.images import read_depth_mm, read_image, write_depth_mm, write_image, write_mask
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.runtime.progress import track

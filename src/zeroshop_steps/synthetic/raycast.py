@@ -8,16 +8,16 @@ import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.synthetic import virtual_capture
-from zeroshop_steps.synthetic.camera_rings import USUAL_RINGS, ObjectBounds, Rings
-from zeroshop_steps.synthetic.clutter import place_bodies
-from zeroshop_steps.synthetic.lighting import LIGHT_STRENGTHS, place_lights
-from zeroshop_steps.synthetic.renderer import RenderedView, SceneRenderer
-from zeroshop_steps.synthetic.scene_meshes import SceneMesh
-from zeroshop_steps.synthetic.shading import use_threads
-from zeroshop_steps.synthetic.table_scene import TableBackend, render_raycast
+from zeroshop_steps.synthetic.rendering.lighting import LIGHT_STRENGTHS, place_lights
+from zeroshop_steps.synthetic.rendering.renderer import RenderedView, SceneRenderer
+from zeroshop_steps.synthetic.rendering.shading import use_threads
+from zeroshop_steps.synthetic.scenes.camera_rings import USUAL_RINGS, ObjectBounds, Rings
+from zeroshop_steps.synthetic.scenes.clutter import place_bodies
+from zeroshop_steps.synthetic.scenes.scene_meshes import SceneMesh
+from zeroshop_steps.synthetic.scenes.table_scene import TableBackend, render_raycast
 
 CACHED = Cached(inputs=("model",), ignored=("threads",))
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.geometry.mesh_files import write_copy
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.placements import Placement, placements_of_hull
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.geometry.meshes.mesh_files import write_copy
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.support.placements import Placement, placements_of_hull
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 

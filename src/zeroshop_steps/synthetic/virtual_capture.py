@@ -10,15 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera, write_cameras
-from zeroshop_steps.geometry.images import write_depth_mm, write_image, write_mask
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.surface_parts import with_texture
+from zeroshop_steps.geometry.cameras.pinhole import Camera, write_cameras
+from zeroshop_steps.geometry.imaging.images import write_depth_mm, write_image, write_mask
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.surface_parts import with_texture
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.runtime.progress import track
-from zeroshop_steps.synthetic.camera_rings import (
+from zeroshop_steps.synthetic.rendering.lighting import LIGHT_STRENGTHS
+from zeroshop_steps.synthetic.rendering.renderer import RenderedView, expose
+from zeroshop_steps.synthetic.scenes.camera_rings import (
     DISTANCE_IN_SIZES,
     USUAL_RINGS,
     ObjectBounds,
@@ -26,9 +28,7 @@ from zeroshop_steps.synthetic.camera_rings import (
     place_capture_cameras,
     place_held_out_cameras,
 )
-from zeroshop_steps.synthetic.lighting import LIGHT_STRENGTHS
-from zeroshop_steps.synthetic.renderer import RenderedView, expose
-from zeroshop_steps.synthetic.scene_meshes import SCENES, SceneMesh, make_object_mesh, make_surface_mesh
+from zeroshop_steps.synthetic.scenes.scene_meshes import SCENES, SceneMesh, make_object_mesh, make_surface_mesh
 
 Lay = Callable[[Mesh, ObjectBounds], Callable[[np.ndarray], None]]  # given the object, what paints the surface's texture
 Render = Callable[

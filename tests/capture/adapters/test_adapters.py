@@ -12,15 +12,15 @@ import pytest
 from helpers.given import given_cameras, small_ring
 from zeroshop_steps.app.command import main
 from zeroshop_steps.app.importing import find_source, import_capture
-from zeroshop_steps.app.reconstruction import Request
+from zeroshop_steps.app.reconstruct_object import Request
 from zeroshop_steps.app.workflow import read_chosen_cell
 from zeroshop_steps.capture.adapters import find_adapters, recognize
 from zeroshop_steps.capture.adapters.form import ImportOptions
-from zeroshop_steps.capture.given_cameras import GivenCameras, Lens, read_given_cameras
-from zeroshop_steps.geometry.cameras import write_cameras
-from zeroshop_steps.geometry.images import list_images, write_image, write_mask
-from zeroshop_steps.geometry.sparse_files import read_reconstruction
-from zeroshop_steps.geometry.transforms import OPENCV_FROM_OPENGL
+from zeroshop_steps.capture.cameras_json import GivenCameras, Lens, read_given_cameras
+from zeroshop_steps.geometry.cameras.pinhole import write_cameras
+from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction
+from zeroshop_steps.geometry.cameras.transforms import OPENCV_FROM_OPENGL
+from zeroshop_steps.geometry.imaging.images import list_images, write_image, write_mask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
 

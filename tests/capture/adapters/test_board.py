@@ -8,10 +8,10 @@ import pytest
 
 from zeroshop_steps.app.importing import import_capture
 from zeroshop_steps.capture.adapters.form import ImportOptions
-from zeroshop_steps.capture.given_cameras import read_given_cameras
-from zeroshop_steps.geometry.cameras import fit_similarity
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.viewpoints import look_at
+from zeroshop_steps.capture.cameras_json import read_given_cameras
+from zeroshop_steps.geometry.cameras.pinhole import fit_similarity
+from zeroshop_steps.geometry.cameras.viewpoints import look_at
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.runtime.errors import StepError
 
 SIZE_PX, TEXELS, SIDE_MM = (640, 480), 4, 30

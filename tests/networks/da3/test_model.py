@@ -13,7 +13,7 @@ from helpers.paths import PARITY
 from helpers.small_da3 import SETTINGS
 from zeroshop_steps.networks.da3 import backbone
 from zeroshop_steps.networks.da3.backbone import choose_reference
-from zeroshop_steps.networks.da3.cameras import invert_encodings
+from zeroshop_steps.networks.da3.camera_tokens import invert_encodings
 from zeroshop_steps.networks.da3.model import DepthAnything3
 from zeroshop_steps.networks.da3.settings import BASE, SMALL
 

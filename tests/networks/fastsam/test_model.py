@@ -12,7 +12,7 @@ from helpers.fastsam_cases import LEAST_LIKELIHOOD, MOST, MOST_IOU, SIZE_PX, SMA
 from helpers.paths import PARITY
 from helpers.seeded import relative_error
 from zeroshop_steps.networks.fastsam.masks import choose_candidates, fit_image, mix_masks, propose_masks
-from zeroshop_steps.networks.fastsam.model import Candidates, FastSam, load_fastsam
+from zeroshop_steps.networks.fastsam.model import BoxCandidates, FastSam, load_fastsam
 from zeroshop_steps.runtime.errors import StepError
 
 TOLERANCE = 1e-4
@@ -65,7 +65,7 @@ def test_photos_are_fitted_and_masks_come_back_in_their_size(network):
 
 def test_doubles_and_unlikely_boxes_go_and_no_more_than_asked_for_stay():
     boxes = torch.tensor([[0.0, 0, 10, 10], [0, 0, 10, 9.5], [20, 0, 30, 10], [40, 0, 50, 10], [60, 0, 70, 10]])
-    found = Candidates(boxes, torch.tensor([0.5, 0.9, 0.8, 0.01, 0.3]), torch.zeros(5, 32), torch.zeros(32, 4, 4))
+    found = BoxCandidates(boxes, torch.tensor([0.5, 0.9, 0.8, 0.01, 0.3]), torch.zeros(5, 32), torch.zeros(32, 4, 4))
     assert choose_candidates(found, 0.05, 0.9, 200).likelihoods.tolist() == pytest.approx([0.9, 0.8, 0.3])
     assert choose_candidates(found, 0.05, 0.9, 2).likelihoods.tolist() == pytest.approx([0.9, 0.8])
 

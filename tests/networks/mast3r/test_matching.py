@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.networks import devices
 from zeroshop_steps.networks.devices import MemoryNeeds, check_memory, choose_device, run_network
 from zeroshop_steps.networks.mast3r import matching

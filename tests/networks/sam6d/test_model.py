@@ -11,10 +11,10 @@ from helpers.mast3r_cases import unfolded
 from helpers.paths import PARITY
 from helpers.sam6d_cases import SMALL, WHOLE, parameters, pose_inputs
 from helpers.seeded import relative_error, seeded_tensor
-from zeroshop_steps.networks.sam6d import poses
+from zeroshop_steps.networks.sam6d import pose_solver
 from zeroshop_steps.networks.sam6d.model import UNUSED, KnownObject, Sam6dPem, load_sam6d_pem
 from zeroshop_steps.networks.sam6d.points import find_in_balls, sample_farthest
-from zeroshop_steps.networks.sam6d.poses import find_fine_pose, fit_poses
+from zeroshop_steps.networks.sam6d.pose_solver import find_fine_pose, fit_poses
 from zeroshop_steps.runtime.errors import StepError
 
 TOLERANCE = 1e-4
@@ -80,7 +80,7 @@ def test_the_whole_network_agrees_with_the_reference(network, given, recorded, m
         monkeypatch.setattr(network, name, kept)
 
     def find_recorded(*arguments):
-        found["coarse"] = (arguments, poses.find_coarse_pose(*arguments))
+        found["coarse"] = (arguments, pose_solver.find_coarse_pose(*arguments))
         return recorded["coarse_rotations"], recorded["coarse_places"]
 
     keep("match_coarse", network.match_coarse)
@@ -93,8 +93,8 @@ def test_the_whole_network_agrees_with_the_reference(network, given, recorded, m
     assert len(errors) == len(WHOLE) - 2 and max(errors.values()) < TOLERANCE, errors
     (logits, seen, _, model, *_), ours = found["coarse"]
     theirs = recorded["coarse_rotations"], recorded["coarse_places"]
-    weights = poses.assign(logits)[1]
-    ours, theirs = (poses._score_by_model(seen, turns[:, None], places[:, None], model, weights) for turns, places in (ours, theirs))
+    weights = pose_solver.assign(logits)[1]
+    ours, theirs = (pose_solver._score_by_model(seen, turns[:, None], places[:, None], model, weights) for turns, places in (ours, theirs))
     assert (ours > 0.9 * theirs).all()
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.networks.trellis.cube_patches import CORNERS, find_patches
 from zeroshop_steps.networks.trellis.flexible_surface import ColoredSurface, CubeFeatures, extract_surface
 

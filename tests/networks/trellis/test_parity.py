@@ -12,7 +12,7 @@ from helpers.small_trellis import SMALL, make_networks
 from zeroshop_steps.networks.trellis.decoders import find_surface_voxels
 from zeroshop_steps.networks.trellis.sampler import follow_flow
 from zeroshop_steps.networks.trellis.settings import TrellisSettings
-from zeroshop_steps.networks.trellis.sparse import Pooling, Voxels
+from zeroshop_steps.networks.trellis.sparse import Pooling, SparseVoxels
 from zeroshop_steps.networks.weights import look_up_weights
 
 TOLERANCE = 1e-4
@@ -88,7 +88,7 @@ def test_structure_decoder(networks, recorded, grid):
 
 
 def test_latent_flow(networks, recorded, tokens):
-    voxels = Voxels(recorded["places"].long())
+    voxels = SparseVoxels(recorded["places"].long())
     latents = inputs("latents", len(voxels.coordinates), SMALL.latent_flow.channels)
     found = networks["latent_flow"](latents, voxels, Pooling.of(voxels), torch.tensor(612.5), tokens[0])
     assert error(found, recorded["latent_velocity"]) < TOLERANCE
@@ -97,7 +97,7 @@ def test_latent_flow(networks, recorded, tokens):
 @pytest.mark.parametrize("chunk_values", [5000, 1 << 25])
 def test_mesh_decoder_however_much_goes_together(networks, recorded, monkeypatch, chunk_values):
     monkeypatch.setattr("zeroshop_steps.networks.trellis.sparse.CHUNK_VALUES", chunk_values)
-    voxels = Voxels(recorded["places"].long())
+    voxels = SparseVoxels(recorded["places"].long())
     latents = inputs("latents", len(voxels.coordinates), SMALL.latent_flow.channels)
     features, fine = networks["mesh_decoder"](latents, voxels)
     assert len(features) == len(fine.coordinates) == 64 * len(latents)

@@ -6,8 +6,8 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from helpers.printed_box import INTRINSICS, make_box, view
-from zeroshop_steps.bop.symmetry import list_symmetry_transforms
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.bop.formats.symmetry import list_symmetry_transforms
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.networks.foundationpose.settings import CROP_PX, LARGEST_TURN_RAD
 from zeroshop_steps.pose.foundationpose.crops import FOR_REFINER, FOR_SCORER, PLAIN, DrawnModel, Observation, cut_pairs
 from zeroshop_steps.pose.foundationpose.depth_filter import filter_depth

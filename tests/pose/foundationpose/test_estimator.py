@@ -7,10 +7,10 @@ from scipy.spatial.transform import Rotation
 
 from helpers.printed_box import INTRINSICS, make_box, view
 from helpers.true_networks import TrueNetworks
-from zeroshop_steps.bop.models import ObjectModel
-from zeroshop_steps.bop.pose_error import ModelPoints, mssd
+from zeroshop_steps.bop.formats.models import ObjectModel
+from zeroshop_steps.bop.scoring.pose_error import ModelPoints, mssd
 from zeroshop_steps.pose.foundationpose import start_poses
-from zeroshop_steps.pose.foundationpose.estimator import PoseEstimator, PreparedModel
+from zeroshop_steps.pose.foundationpose.estimator import FoundationPoseModel, PoseEstimator
 
 CPU = torch.device("cpu")
 TURN_DEG = 2.0
@@ -23,11 +23,11 @@ def model() -> ObjectModel:
 
 
 @pytest.fixture(scope="module")
-def ready(model) -> PreparedModel:
+def ready(model) -> FoundationPoseModel:
     """With some 20 hypotheses, 70 degrees apart, instead of 252."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(start_poses, "SAME_TURN_DEG", 70.0)
-        return PreparedModel(model, CPU)
+        return FoundationPoseModel(model, CPU)
 
 
 def alike_by_shape(pose: np.ndarray) -> np.ndarray:

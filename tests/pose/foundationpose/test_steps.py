@@ -10,10 +10,10 @@ import torch
 
 from helpers.small_dataset import BOX, CAN, dataset_in, make_dataset
 from helpers.small_foundationpose import make_network, write_checkpoints, write_onnx
-from zeroshop_steps.bop.detections import Detection, encode_mask, write_detections
-from zeroshop_steps.bop.estimates import read_estimates
-from zeroshop_steps.geometry.meshes import write_ply
-from zeroshop_steps.geometry.ply_surface import read_ply
+from zeroshop_steps.bop.formats.detections import Detection, encode_mask, write_detections
+from zeroshop_steps.bop.formats.estimates import read_estimates
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
 from zeroshop_steps.networks import devices, weights
 from zeroshop_steps.networks.foundationpose import onnx_pairs
 from zeroshop_steps.networks.foundationpose.model import ScoreNet

@@ -11,11 +11,11 @@ from helpers.printed_box import INTRINSICS, make_box, taken
 from helpers.small_dataset import BOX, CAN, dataset_in, make_dataset
 from helpers.small_foundationpose import write_checkpoints
 from helpers.true_networks import TrueNetworks
-from zeroshop_steps.bop.estimates import read_estimates
-from zeroshop_steps.bop.pose_error import ModelPoints, mssd
-from zeroshop_steps.bop.targets import Target, write_targets
+from zeroshop_steps.bop.formats.estimates import read_estimates
+from zeroshop_steps.bop.formats.targets import Target, write_targets
+from zeroshop_steps.bop.scoring.pose_error import ModelPoints, mssd
 from zeroshop_steps.pose.foundationpose import start_poses
-from zeroshop_steps.pose.foundationpose.estimator import PoseEstimator, PreparedModel
+from zeroshop_steps.pose.foundationpose.estimator import FoundationPoseModel, PoseEstimator
 from zeroshop_steps.runtime.cli import stage_main
 
 CPU = torch.device("cpu")
@@ -25,7 +25,7 @@ CPU = torch.device("cpu")
 def test_a_box_that_moves_is_followed_with_one_refinement_a_frame(monkeypatch):
     monkeypatch.setattr(start_poses, "SAME_TURN_DEG", 120.0)
     model = make_box()
-    ready = PreparedModel(model, CPU)
+    ready = FoundationPoseModel(model, CPU)
     pose, rng = np.eye(4), np.random.default_rng(0)
     pose[:3, :3], pose[:3, 3] = Rotation.from_euler("xyz", [200, 20, 40], degrees=True).as_matrix(), [-30, 10, 700]
     found = pose

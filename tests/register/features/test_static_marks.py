@@ -7,7 +7,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.register import colmap
 from zeroshop_steps.register.colmap import ColmapOptions, match_images
 from zeroshop_steps.register.features.sift import SiftOptions, extract_features

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from helpers.given import given_cameras, small_ring
-from zeroshop_steps.geometry.transforms import OPENCV_FROM_OPENGL
+from zeroshop_steps.geometry.cameras.transforms import OPENCV_FROM_OPENGL
 from zeroshop_steps.register.given.conventions import PairMatches, find_fault, list_readings, measure_support
 
 NAMES = [f"{number:06d}.png" for number in range(12)]

@@ -6,7 +6,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.register import colmap
 from zeroshop_steps.register.colmap import ColmapOptions
 from zeroshop_steps.register.matching.match_coverage import LEAST_CELLS, delete_pairs_of_low_coverage

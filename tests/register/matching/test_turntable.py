@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.geometry.images import list_images, read_depth_mm, read_image, write_image
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
+from zeroshop_steps.geometry.imaging.images import list_images, read_depth_mm, read_image, write_image
 from zeroshop_steps.register.matching.turntable import measure_stationary, verify_without_stationary
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.runtime.cli import stage_main

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.register.photometry.score import compare_patches, find_peak, measure_chance
 from zeroshop_steps.register.photometry.transfer import carry_by_plane
 

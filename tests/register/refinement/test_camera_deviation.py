@@ -10,11 +10,11 @@ import pytest
 
 from helpers.camera_ring import ring_camera
 from zeroshop_steps.evaluate.camera_error import measure_object_errors_px
-from zeroshop_steps.geometry.cameras import to_matrix, to_rigid
-from zeroshop_steps.geometry.crops import ObjectSphere
-from zeroshop_steps.geometry.registered_views import DEVIATIONS, read_deviations, read_views
-from zeroshop_steps.geometry.sparse_files import write_reconstruction
-from zeroshop_steps.geometry.transforms import move_similarity, transform_camera, transform_points
+from zeroshop_steps.geometry.cameras.object_crops import ObjectSphere
+from zeroshop_steps.geometry.cameras.pinhole import to_matrix, to_rigid
+from zeroshop_steps.geometry.cameras.registered_views import DEVIATIONS, read_deviations, read_views
+from zeroshop_steps.geometry.cameras.sparse_files import write_reconstruction
+from zeroshop_steps.geometry.cameras.transforms import move_similarity, transform_camera, transform_points
 from zeroshop_steps.register.mapping.mapper import adjust_robustly
 from zeroshop_steps.register.refinement.camera_deviation import measure_deviations, write_deviations
 from zeroshop_steps.register.refinement.covariance import LOOSE, _invert_root, estimate_deviations

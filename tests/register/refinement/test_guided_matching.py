@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from helpers.carton_scene import finely_printed, photographed_carton
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.geometry.cameras import read_sparse_model, to_rigid
-from zeroshop_steps.geometry.images import read_image, read_mask, write_image
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model, to_rigid
+from zeroshop_steps.geometry.imaging.images import read_image, read_mask, write_image
 from zeroshop_steps.register.refinement.guided_matching import adjust_by_guided_tracks, match_along_hull
 from zeroshop_steps.register.scene.image_set import read_image_set
 from zeroshop_steps.register.silhouettes.bundle_adjustment import SilhouetteAdjustment

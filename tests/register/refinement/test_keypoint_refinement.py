@@ -7,8 +7,8 @@ import pytest
 
 from helpers.carton_scene import SIZE_MM, finely_printed, photographed_carton
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.register.refinement.keypoint_refinement import LEAST_ALIGNED, align_patch, choose_tracks, refine_keypoints
 
 NOISE_PX = 0.7

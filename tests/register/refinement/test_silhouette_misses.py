@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from helpers.ball_scene import ball_cameras, ball_mask
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.register.refinement.silhouette_refinement import MOST_MISSED_PX, measure_silhouette_misses_px, warn_of_misses
 
 CAMERAS = [camera.resized(1000, 750) for camera in ball_cameras()]

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from helpers.made_scene import SIZE_MM, made_scene
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.geometry.cameras import write_cameras
-from zeroshop_steps.geometry.sparse_files import read_reconstruction
+from zeroshop_steps.geometry.cameras.pinhole import write_cameras
+from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction
 from zeroshop_steps.register.refinement.silhouette_refinement import MOST_MISSED_PX, carry_plane, straighten_cameras
 
 VIEWS = 10

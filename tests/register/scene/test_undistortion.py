@@ -4,7 +4,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from zeroshop_steps.geometry.images import read_image, read_mask, write_image, write_mask
+from zeroshop_steps.geometry.imaging.images import read_image, read_mask, write_image, write_mask
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.undistortion import make_undistortion_map, undistort
 

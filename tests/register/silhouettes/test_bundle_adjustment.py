@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from helpers.camera_ring import ring_camera
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.geometry.cameras import to_rigid
+from zeroshop_steps.geometry.cameras.pinhole import to_rigid
 from zeroshop_steps.register.silhouettes.bundle_adjustment import EXACT_MISS_PX, SilhouetteAdjustment
 from zeroshop_steps.register.silhouettes.model_adjustment import adjust_model_by_masks
 from zeroshop_steps.register.silhouettes.rays import look_up_many, make_outline_distance

@@ -8,10 +8,10 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from helpers.camera_ring import ring_camera
-from zeroshop_steps.geometry.cameras import fit_similarity
-from zeroshop_steps.geometry.transforms import transform_camera
-from zeroshop_steps.register.submodels.alignment import CameraGroup, find_hypotheses
+from zeroshop_steps.geometry.cameras.pinhole import fit_similarity
+from zeroshop_steps.geometry.cameras.transforms import transform_camera
 from zeroshop_steps.register.submodels.merge import ROUGH_MISS_PX, merge_models
+from zeroshop_steps.register.submodels.outline_alignment import CameraGroup, find_hypotheses
 
 VIEWS, WIDTH_PX, HEIGHT_PX = 16, 640, 480
 HALF = range(VIEWS // 2)

@@ -7,7 +7,7 @@ import pycolmap
 import pytest
 
 from helpers.camera_ring import ring_camera
-from zeroshop_steps.geometry.cameras import to_rigid
+from zeroshop_steps.geometry.cameras.pinhole import to_rigid
 from zeroshop_steps.register.scene.record import Evidence
 from zeroshop_steps.register.verification.loop_gap import GAP_DEG, check_loop_gap, estimate_turns, find_pairs_across_gap
 

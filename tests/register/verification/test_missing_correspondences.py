@@ -7,7 +7,7 @@ import numpy as np
 import pycolmap
 
 from helpers.side_points import add_side_points
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.register.verification.duplicate_structure import check_duplicate_structure
 from zeroshop_steps.register.verification.missing_correspondences import find_mismatched_pairs
 from zeroshop_steps.register.verification.verdict import judge

@@ -6,8 +6,8 @@ import pytest
 
 from helpers.camera_ring import ring_camera
 from helpers.two_faced_can import can_with_two_faces
-from zeroshop_steps.geometry.images import write_image, write_mask
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.imaging.images import write_image, write_mask
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.register.matching.network_matches import write_matches
 from zeroshop_steps.register.scene.image_set import read_image_set
 from zeroshop_steps.register.verification.pair_appearance import compare_between, delete_inconsistent_pairs

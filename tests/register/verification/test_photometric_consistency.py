@@ -7,10 +7,10 @@ import pytest
 
 from helpers.camera_ring import ring_camera
 from helpers.two_faced_can import can_with_two_faces
-from zeroshop_steps.geometry.cameras import write_cameras
-from zeroshop_steps.geometry.images import write_image, write_mask
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.cameras.pinhole import write_cameras
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.imaging.images import write_image, write_mask
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.register.scene.record import DuplicateStructure, Record
 from zeroshop_steps.register.submodels.appearance import compare_groups
 from zeroshop_steps.register.verification import photometric_consistency

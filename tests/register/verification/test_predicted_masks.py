@@ -8,8 +8,8 @@ import pytest
 
 from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
 from register.refinement.test_silhouette_misses import shifted
-from zeroshop_steps.geometry.cameras import write_cameras
-from zeroshop_steps.networks.saliency_maps import WIDTH_PX, find_maps
+from zeroshop_steps.geometry.cameras.pinhole import write_cameras
+from zeroshop_steps.networks.saliency.saliency_maps import WIDTH_PX, find_maps
 from zeroshop_steps.register.scene.record import RegistrationFailed
 from zeroshop_steps.register.verification.predicted_masks import check_by_predicted_masks, is_sparse
 

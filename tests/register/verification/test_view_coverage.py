@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.cameras import Camera, write_cameras
-from zeroshop_steps.geometry.viewpoints import look_at
+from zeroshop_steps.geometry.cameras.pinhole import Camera, write_cameras
+from zeroshop_steps.geometry.cameras.viewpoints import look_at
 from zeroshop_steps.register.registration import write_registration
 from zeroshop_steps.register.verification.view_coverage import LEAST_TURN_DEG, check_spread, measure_view_coverage
 from zeroshop_steps.runtime.errors import StepError

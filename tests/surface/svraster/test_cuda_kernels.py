@@ -6,9 +6,9 @@ import torch
 
 from helpers import few_primitives
 from helpers.simulated_cuda import VOXEL_TENSORS, simulate
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.runtime.compute.kernel_devices import has_cuda
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.kernel_devices import has_cuda
 from zeroshop_steps.surface.svraster.octree import Octree
 from zeroshop_steps.surface.svraster.render import RenderView, render
 from zeroshop_steps.surface.svraster.renderers import CpuRenderer, CudaRenderer, make_renderer
@@ -78,7 +78,7 @@ def test_the_kernels_match_the_cpu_on_a_device_and_give_the_same_bytes_twice(see
 
 
 def test_a_device_that_is_absent_is_refused(monkeypatch):
-    monkeypatch.setattr("zeroshop_steps.runtime.kernel_devices.has_cuda", lambda: False)
+    monkeypatch.setattr("zeroshop_steps.runtime.compute.kernel_devices.has_cuda", lambda: False)
     assert isinstance(make_renderer("auto"), CpuRenderer) and isinstance(make_renderer("cpu"), CpuRenderer)
     with pytest.raises(StepError, match="finds no CUDA device"):
         make_renderer("cuda")

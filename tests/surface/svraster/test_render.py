@@ -7,12 +7,12 @@ import pytest
 import torch
 
 from helpers.quick import first
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.surface.rendering.tiling import STOP, TILE_PX
 from zeroshop_steps.surface.svraster.octree import CELLS, MAX_LEVEL, Octree
 from zeroshop_steps.surface.svraster.reference import render_reference
 from zeroshop_steps.surface.svraster.render import RenderView, render
-from zeroshop_steps.surface.tiling import STOP, TILE_PX
 
 WIDTH_PX, HEIGHT_PX = 24, 20
 KINDS = ["usual", "straddling", "grazing", "inside", "tiny", "huge", "transparent", "opaque"]

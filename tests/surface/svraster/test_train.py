@@ -9,10 +9,10 @@ import torch
 import trimesh
 
 from helpers.ball import RADIUS, ball_initialization
-from zeroshop_steps.geometry.crops import ObjectSphere
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.cameras.object_crops import ObjectSphere
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.surface.optimizer import ResizableAdam
+from zeroshop_steps.surface.rendering.training_views import TrainingView
 from zeroshop_steps.surface.svraster.density_grid import DensityGrid, fuse_signed_distances, half_opacity_value
 from zeroshop_steps.surface.svraster.initialization import initialize_voxels
 from zeroshop_steps.surface.svraster.octree import CELLS, Octree
@@ -21,8 +21,8 @@ from zeroshop_steps.surface.svraster.subdivide import prune_and_subdivide
 from zeroshop_steps.surface.svraster.train import BETAS, LEARNING_RATES, VoxelTrainer
 from zeroshop_steps.surface.svraster.voxels import Voxels, read_voxels, write_voxels
 from zeroshop_steps.surface.svraster_mesh import extract_surface, keep_seen, marching_cubes, render_depth
-from zeroshop_steps.surface.trainer import ViewPyramid
-from zeroshop_steps.surface.training_views import TrainingView
+from zeroshop_steps.surface.training.optimizer import ResizableAdam
+from zeroshop_steps.surface.training.trainer import ViewPyramid
 
 
 def trainer_for(views: list[TrainingView], **settings) -> VoxelTrainer:
@@ -132,7 +132,7 @@ def test_a_field_passes_through_the_corners_of_its_finest_leaves() -> None:
 
 
 def test_half_of_the_light_is_stopped_at_the_half_value() -> None:
-    from zeroshop_steps.surface.svraster.rasterize import DENSITY_SCALE
+    from zeroshop_steps.surface.svraster.kernels.rasterize import DENSITY_SCALE
     from zeroshop_steps.surface.svraster.reference import activate
 
     for step in (0.1, 0.0078, 1e-3):

@@ -9,9 +9,9 @@ import torch
 
 from helpers.small_trellis import write_encoder, write_networks
 from helpers.stand_in_generator import Deformation, StandInGenerator
-from zeroshop_steps.geometry.images import list_images, read_mask, write_mask
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.imaging.images import list_images, read_mask, write_mask
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.methods import SURFACES
 from zeroshop_steps.networks.trellis.conditioning import frame_object
 from zeroshop_steps.networks.trellis.flexible_surface import ColoredSurface
@@ -21,7 +21,7 @@ from zeroshop_steps.networks.trellis.settings import SamplerSettings, TrellisSet
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.surface.training_views import read_camera_set
+from zeroshop_steps.surface.rendering.training_views import read_camera_set
 from zeroshop_steps.surface.trellis.alignment import PhotoAligner
 from zeroshop_steps.surface.trellis.reconstruct import choose_generation
 from zeroshop_steps.surface.trellis.view_choice import choose_opposite_views
@@ -35,7 +35,7 @@ NOTHING = ColoredSurface(np.empty((0, 3)), np.empty((0, 3), np.int64), np.empty(
 @pytest.fixture(scope="module")
 def coarse():
     """Photos, hull and search in coarser steps than a user's: the carton is plain enough, and tests/bop/test_align.py searches in full."""
-    from zeroshop_steps.bop import similarity_icp, similarity_search
+    from zeroshop_steps.geometry.alignment import similarity_icp, similarity_search
     from zeroshop_steps.surface.trellis import alignment, photo_fit
 
     with pytest.MonkeyPatch.context() as patch:
@@ -186,7 +186,7 @@ def test_bad_input_is_named(carton, weights, tmp_path, monkeypatch, capsys):
     first = list_images(empty / "masks")[0]
     write_mask(first, np.zeros_like(read_mask(first)))
     refused("is empty", empty)
-    from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
+    from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model, write_cameras
 
     one = shutil.copytree(carton.cameras, tmp_path / "one")
     cameras = read_sparse_model(one / "sparse").cameras

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from helpers.stand_in_generator import Deformation, StandInGenerator
-from zeroshop_steps.geometry.images import list_images, read_mask, write_mask
+from zeroshop_steps.geometry.imaging.images import list_images, read_mask, write_mask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.surface.trellis import uncalibrated
 from zeroshop_steps.surface.trellis.uncalibrated import as_generated, choose_likeliest, read_pictures, scale_by_height

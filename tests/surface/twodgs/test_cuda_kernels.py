@@ -6,12 +6,12 @@ import torch
 
 from helpers import few_primitives
 from helpers.simulated_cuda import SURFEL_TENSORS, simulate
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.runtime.compute.kernel_devices import has_cuda
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.kernel_devices import has_cuda
-from zeroshop_steps.surface.tiling import tiles_of
-from zeroshop_steps.surface.twodgs import project, tiles
-from zeroshop_steps.surface.twodgs.device_lists import list_slots_by_tile
+from zeroshop_steps.surface.rendering.tiling import tiles_of
+from zeroshop_steps.surface.twodgs.kernels import project, tiles
+from zeroshop_steps.surface.twodgs.kernels.device_lists import list_slots_by_tile
 from zeroshop_steps.surface.twodgs.render import RenderView, render
 from zeroshop_steps.surface.twodgs.renderers import CpuRenderer, CudaRenderer, make_renderer
 
@@ -76,7 +76,7 @@ def test_the_kernels_match_the_cpu_on_a_device_and_give_the_same_bytes_twice(see
 
 
 def test_a_device_that_is_absent_or_unknown_is_refused(monkeypatch):
-    monkeypatch.setattr("zeroshop_steps.runtime.kernel_devices.has_cuda", lambda: False)
+    monkeypatch.setattr("zeroshop_steps.runtime.compute.kernel_devices.has_cuda", lambda: False)
     assert isinstance(make_renderer("auto"), CpuRenderer) and isinstance(make_renderer("cpu"), CpuRenderer)
     with pytest.raises(StepError, match="finds no CUDA device"):
         make_renderer("cuda")
@@ -85,7 +85,7 @@ def test_a_device_that_is_absent_or_unknown_is_refused(monkeypatch):
 
 
 def test_a_device_that_only_the_kernels_find_is_refused(monkeypatch):
-    monkeypatch.setattr("zeroshop_steps.runtime.kernel_devices.has_cuda", lambda: True)
+    monkeypatch.setattr("zeroshop_steps.runtime.compute.kernel_devices.has_cuda", lambda: True)
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
     assert isinstance(make_renderer("auto"), CpuRenderer)
     with pytest.raises(StepError, match="PyTorch does not"):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.surface.twodgs.reference import render_reference
 from zeroshop_steps.surface.twodgs.render import RenderView, render, render_surface_depth
 

@@ -1,7 +1,7 @@
 """Adapters of what labs have already: one file each, which declares an ADAPTER and nothing else lists it.
 
 Each recognizes a folder, and reads it as frames with lenses, poses, masks and depth (`form.py`), which are written in the common form
-(`../given_cameras.py`): images/, masks/, depth/ and cameras.json.
+(`../cameras_json.py`): images/, masks/, depth/ and cameras.json.
 """
 
 import functools

@@ -1,7 +1,8 @@
 """Photos of an object on or beside a board of AprilTags or ChArUco: the board gives cameras, lens and metres.
 
 All photos have one lens, which is calibrated by the board together with the cameras (Zhang 2000), so that it needs no other calibration.
-A photo that shows too little of the board has no pose. Boards are those of `geometry/board_files.py`, or a file that lists tags anywhere:
+A photo that shows too little of the board has no pose. Boards are those of `geometry/boards/board_files.py`, or a file that lists tags
+anywhere:
 
     dictionary: 36h11
     tags: {0: [[0, 0, 0], [50, 0, 0], [50, 50, 0], [0, 50, 0]], ...}    # corners of each in mm, in one order all around
@@ -16,11 +17,11 @@ import cv2
 import numpy as np
 import yaml
 
-from zeroshop_steps.capture.adapters.form import Adapter, Frame, ImportedCapture, ImportOptions, read_size_px
-from zeroshop_steps.capture.given_cameras import Lens
+from zeroshop_steps.capture.adapters.form import Adapter, GivenFrame, ImportedCapture, ImportOptions, read_size_px
+from zeroshop_steps.capture.cameras_json import Lens
 from zeroshop_steps.capture.photo_files import list_photos, open_picture
-from zeroshop_steps.geometry.board_files import find_dictionary, read_board
-from zeroshop_steps.geometry.printed_board import Board, TagBoard
+from zeroshop_steps.geometry.boards.board_files import find_dictionary, read_board
+from zeroshop_steps.geometry.boards.printed_board import Board, TagBoard
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.progress import track
 
@@ -77,7 +78,7 @@ def read(folder: Path, options: ImportOptions) -> ImportedCapture:
             f"the corners of the board {options.board} miss the photos in {folder} by {error_px:.1f} px: it is another board, its lengths"
             " differ, it is not flat, or the photos were taken with several lenses"
         )
-    frames = [Frame(path, lens, poses.get(path)) for path in paths]
+    frames = [GivenFrame(path, lens, poses.get(path)) for path in paths]
     warnings = []
     if len(poses) < len(paths):
         missing = ", ".join(path.name for path in paths if path not in poses)

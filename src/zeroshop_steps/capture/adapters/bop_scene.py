@@ -6,10 +6,10 @@ Without poses of an object, the cameras of the scene itself are taken (cam_R_w2c
 from collections import Counter
 from pathlib import Path
 
-from zeroshop_steps.bop.scene import HALF_PX, read_scene
-from zeroshop_steps.bop.scene import Frame as BopFrame
-from zeroshop_steps.capture.adapters.form import Adapter, Frame, ImportedCapture, ImportOptions, choose_unit, read_size_px
-from zeroshop_steps.capture.given_cameras import Lens
+from zeroshop_steps.bop.formats.bop_scenes import HALF_PX, read_scene
+from zeroshop_steps.bop.formats.bop_scenes import Frame as BopFrame
+from zeroshop_steps.capture.adapters.form import Adapter, GivenFrame, ImportedCapture, ImportOptions, choose_unit, read_size_px
+from zeroshop_steps.capture.cameras_json import Lens
 from zeroshop_steps.runtime.errors import StepError
 
 
@@ -33,7 +33,7 @@ def read(folder: Path, options: ImportOptions) -> ImportedCapture:
         pose = frame.instances[chosen[0]].camera_from_model if counts else frame.camera_from_world
         mask = frame.image_path("mask_visib", chosen[0]) or frame.image_path("mask", chosen[0]) if counts else None
         lens = Lens.pinhole(frame.intrinsics + HALF_PX, read_size_px(image))
-        found.append(Frame(image, lens, pose, mask, _find_depth(frame), frame.depth_scale or 1.0))
+        found.append(GivenFrame(image, lens, pose, mask, _find_depth(frame), frame.depth_scale or 1.0))
     if not found:
         raise StepError(f"{folder} has no image of the object {object_id} in rgb/ or gray/; expected 000000.png or .jpg and so on")
     what = f", object {object_id}" if counts else ""

@@ -2,11 +2,19 @@
 
 from pathlib import Path
 
-from zeroshop_steps.capture.adapters.form import Adapter, Frame, ImportedCapture, ImportOptions, choose_unit, require_files, resolve_inside
-from zeroshop_steps.capture.given_cameras import Lens
-from zeroshop_steps.geometry.cameras import to_matrix
-from zeroshop_steps.geometry.images import IMAGE_SUFFIXES
-from zeroshop_steps.geometry.sparse_files import read_reconstruction
+from zeroshop_steps.capture.adapters.form import (
+    Adapter,
+    GivenFrame,
+    ImportedCapture,
+    ImportOptions,
+    choose_unit,
+    require_files,
+    resolve_inside,
+)
+from zeroshop_steps.capture.cameras_json import Lens
+from zeroshop_steps.geometry.cameras.pinhole import to_matrix
+from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction
+from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES
 from zeroshop_steps.runtime.errors import StepError
 
 MODELS = ("sparse", "sparse/*", "colmap/sparse/*", "colmap/sparse", "dense/sparse", "dense/*/sparse", ".")
@@ -42,7 +50,7 @@ def read(folder: Path, options: ImportOptions) -> ImportedCapture:
     for file, image in zip(files, placed, strict=True):
         camera = model.cameras[image.camera_id]
         lens = Lens(camera.model.name, camera.width, camera.height, tuple(map(float, camera.params)))
-        frames.append(Frame(file, lens, to_matrix(image.cam_from_world()), _find_mask(folder, image.name)))
+        frames.append(GivenFrame(file, lens, to_matrix(image.cam_from_world()), _find_mask(folder, image.name)))
     metres = choose_unit(options, "unknown")
     warnings = [] if metres else ["COLMAP's unit is arbitrary, so the size stays unknown; if it was aligned to metres, say --unit m"]
     if len(models) > 1:

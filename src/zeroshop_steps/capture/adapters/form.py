@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from zeroshop_steps.capture.given_cameras import FILE, GivenCamera, GivenCameras, Lens, check_pose
+from zeroshop_steps.capture.cameras_json import FILE, GivenCamera, GivenCameras, Lens, check_pose
 from zeroshop_steps.capture.photo_files import UPRIGHT, open_picture
-from zeroshop_steps.geometry.depth_images import depth_to_mm
-from zeroshop_steps.geometry.images import decode_image, write_image
+from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
+from zeroshop_steps.geometry.imaging.images import decode_image, write_image
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
 from zeroshop_steps.runtime.progress import track
@@ -43,7 +43,7 @@ class ImportOptions:
 
 
 @dataclass(frozen=True)
-class Frame:
+class GivenFrame:
     """One picture.
 
     Attributes:
@@ -66,7 +66,7 @@ class Frame:
 class ImportedCapture:
     """What an adapter read; `metres` are those of a unit of the poses, None where that is unknown."""
 
-    frames: Sequence[Frame]
+    frames: Sequence[GivenFrame]
     source: str
     metres: float | None = 1.0
     warnings: tuple[str, ...] = ()
@@ -171,7 +171,7 @@ def write_common_form(
         GivenCameras(cameras, found.source, found.metres is not None, *deviations, step_mm).write(folder / FILE)
 
 
-def read_depth_mm(frame: Frame) -> np.ndarray:
+def read_depth_mm(frame: GivenFrame) -> np.ndarray:
     """(height, width) float32 mm of a frame's depth, 0 where nothing was measured: PNG of 16 bits, TIFF, or NPY.
 
     Raises:
@@ -234,7 +234,7 @@ def _without_orientation(exif: Any) -> Any:
     return exif
 
 
-def _fit_lens(frame: Frame) -> Lens:
+def _fit_lens(frame: GivenFrame) -> Lens:
     """The lens for the image as it is, which may have been reduced since."""
     size_px, lens = read_size_px(frame.image), frame.lens
     if (lens.width_px, lens.height_px) == size_px:
@@ -247,7 +247,7 @@ def _fit_lens(frame: Frame) -> Lens:
     return lens.resized(*size_px)
 
 
-def _scale_pose(frame: Frame, found: ImportedCapture) -> np.ndarray | None:
+def _scale_pose(frame: GivenFrame, found: ImportedCapture) -> np.ndarray | None:
     if frame.camera_from_world is None or not np.isfinite(frame.camera_from_world).all():
         return None
     pose = check_pose(frame.camera_from_world, f"{found.source}, image {frame.image.name}")

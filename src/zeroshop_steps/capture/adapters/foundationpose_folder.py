@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.capture.adapters.form import Adapter, Frame, ImportedCapture, ImportOptions, read_size_px
-from zeroshop_steps.capture.given_cameras import Lens
+from zeroshop_steps.capture.adapters.form import Adapter, GivenFrame, ImportedCapture, ImportOptions, read_size_px
+from zeroshop_steps.capture.cameras_json import Lens
 from zeroshop_steps.capture.photo_files import list_photos
 from zeroshop_steps.runtime.errors import StepError
 
@@ -32,7 +32,7 @@ def read(folder: Path, options: ImportOptions) -> ImportedCapture:
         warnings.append(f"only {len(masks)} of {len(images)} images have a mask; masks are found instead")
         masks = {}
     frames = [
-        Frame(image, Lens.pinhole(intrinsics, read_size_px(image), 0.5), None, masks.get(image), _find(folder, ("depth",), image), 1.0)
+        GivenFrame(image, Lens.pinhole(intrinsics, read_size_px(image), 0.5), None, masks.get(image), _find(folder, ("depth",), image), 1.0)
         for image in images
     ]
     return ImportedCapture(frames, f"FoundationPose folder {folder.name}", 1.0, tuple(warnings))

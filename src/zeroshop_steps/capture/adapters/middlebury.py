@@ -9,7 +9,7 @@ import numpy as np
 
 from zeroshop_steps.capture.adapters.form import (
     Adapter,
-    Frame,
+    GivenFrame,
     ImportedCapture,
     ImportOptions,
     choose_unit,
@@ -17,7 +17,7 @@ from zeroshop_steps.capture.adapters.form import (
     require_files,
     resolve_inside,
 )
-from zeroshop_steps.capture.given_cameras import Lens
+from zeroshop_steps.capture.cameras_json import Lens
 from zeroshop_steps.runtime.errors import StepError
 
 NUMBERS = 21
@@ -54,7 +54,7 @@ def read(folder: Path, options: ImportOptions) -> ImportedCapture:
     for file, numbers in entries:
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = numbers[9:18].reshape(3, 3), numbers[18:]
-        frames.append(Frame(file, Lens.pinhole(numbers[:9].reshape(3, 3), read_size_px(file), 0.5), pose))
+        frames.append(GivenFrame(file, Lens.pinhole(numbers[:9].reshape(3, 3), read_size_px(file), 0.5), pose))
     return ImportedCapture(frames, path.name, choose_unit(options, "m"))
 
 

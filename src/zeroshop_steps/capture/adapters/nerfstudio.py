@@ -11,7 +11,7 @@ import numpy as np
 
 from zeroshop_steps.capture.adapters.form import (
     Adapter,
-    Frame,
+    GivenFrame,
     ImportedCapture,
     ImportOptions,
     choose_unit,
@@ -19,8 +19,8 @@ from zeroshop_steps.capture.adapters.form import (
     require_files,
     resolve_inside,
 )
-from zeroshop_steps.capture.given_cameras import Lens
-from zeroshop_steps.geometry.transforms import OPENCV_FROM_OPENGL
+from zeroshop_steps.capture.cameras_json import Lens
+from zeroshop_steps.geometry.cameras.transforms import OPENCV_FROM_OPENGL
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
@@ -55,7 +55,7 @@ def _add_suffix(path: Path) -> Path:
     return path if path.suffix or path.is_file() else path.with_name(path.name + ".png")
 
 
-def _read_frame(folder: Path, path: Path, entry: dict[str, Any], image: Path) -> Frame:
+def _read_frame(folder: Path, path: Path, entry: dict[str, Any], image: Path) -> GivenFrame:
     try:
         matrix = np.array(entry["transform_matrix"], float)
     except (KeyError, TypeError, ValueError):
@@ -68,7 +68,7 @@ def _read_frame(folder: Path, path: Path, entry: dict[str, Any], image: Path) ->
     places = {key: resolve_inside(folder, entry[key], path) for key in ("mask_path", "depth_file_path") if isinstance(entry.get(key), str)}
     require_files(list(places.values()), path)
     step_mm = 1000.0 * float(entry.get("depth_unit_scale_factor", DEPTH_SCALE))
-    return Frame(image, _read_lens(path, entry, image), pose, places.get("mask_path"), places.get("depth_file_path"), step_mm)
+    return GivenFrame(image, _read_lens(path, entry, image), pose, places.get("mask_path"), places.get("depth_file_path"), step_mm)
 
 
 def _read_lens(path: Path, entry: dict[str, Any], image: Path) -> Lens:

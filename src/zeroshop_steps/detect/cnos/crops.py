@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import torch
 
-from zeroshop_steps.bop.detections import mask_to_box
+from zeroshop_steps.bop.formats.detections import mask_to_box
 from zeroshop_steps.networks.devices import run_network
 from zeroshop_steps.networks.pretrained import load_pretrained
 

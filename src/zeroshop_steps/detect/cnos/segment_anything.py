@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch.nn import functional
 
-from zeroshop_steps.bop.detections import mask_to_box
+from zeroshop_steps.bop.formats.detections import mask_to_box
 from zeroshop_steps.detect.detector_io import suppress_boxes
 from zeroshop_steps.networks.devices import run_network
 from zeroshop_steps.networks.pretrained import load_pretrained

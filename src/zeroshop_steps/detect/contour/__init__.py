@@ -11,8 +11,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from zeroshop_steps.bop.models import ObjectModel
-from zeroshop_steps.bop.scene import Frame
+from zeroshop_steps.bop.formats.bop_scenes import Frame
+from zeroshop_steps.bop.formats.models import ObjectModel
 from zeroshop_steps.detect.contour.depth_surface import prepare_surface
 from zeroshop_steps.detect.contour.descriptors import linear_rgb, make_region_patch
 from zeroshop_steps.detect.contour.edges import detect_edges

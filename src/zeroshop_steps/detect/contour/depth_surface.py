@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.support_plane import DEVIATION_OF_MEDIAN
+from zeroshop_steps.geometry.support.ground_plane import DEVIATION_OF_MEDIAN
 from zeroshop_steps.runtime.errors import StepError
 
 # Chosen on six virtual tables of the demo objects, the test set with seed 1 (docs/results.md, "Detection and poses").
@@ -18,7 +18,6 @@ TRIALS, SAMPLES = 400, 4000  # of RANSAC: planes that are tried, and pixels that
 DEGENERATE = 1e-3  # of the squared extent, twice the area of three pixels below which they fix no plane
 PLANE_TOLERANCE = 0.006  # of the depth; a pixel closer to a plane votes for it: 6 mm at 1 m
 LEAST_SHARE = 0.08  # of the measured pixels; planes with fewer are not looked for
-FIT_ROUNDS = 3  # in each, the plane is fitted to its pixels, and they are chosen again by their distance
 LEAST_COSINE = 0.05  # between ray and plane; bounds the area that a pixel of a plane seen edge-on stands for
 NOISE_DEVIATIONS, LOWEST_MM = 5.0, 3.0  # a pixel stands on a plane if it is higher than both, in standard deviations and in mm
 MEDIAN_PX, SMOOTHED_PX = 5, 2.0  # window of the median that removes single wrong depths, and the Gaussian before slopes are taken
@@ -98,7 +97,7 @@ def find_ground(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: float)
         near = open_ & (np.abs(1.0 / depths - pixels @ plane) * depths < PLANE_TOLERANCE)
         if near.sum() < LEAST_SHARE * len(rows):
             break
-        for _ in range(FIT_ROUNDS):
+        for _ in range(3):
             plane = np.linalg.lstsq(pixels[near], 1.0 / depths[near], rcond=None)[0]
             residual = 1.0 / depths - pixels @ plane
             spread = max(DEVIATION_OF_MEDIAN * float(np.median(np.abs(residual[near]))), 1e-9)

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from zeroshop_steps.synthetic.textures import LINEAR_OF_BYTE
+from zeroshop_steps.synthetic.rendering.textures import LINEAR_OF_BYTE
 
 # Chosen on six virtual tables of the demo objects, the test set with seed 1 (docs/results.md, "Detection and poses").
 CROP_PX = 48  # side of a crop
@@ -23,7 +23,6 @@ RELIEF_MM = 1000.0  # depth relative to the median is clipped to this; it is onl
 ORIENTATIONS, BLOCKS = 8, 6  # bins of half a turn, and blocks along a side
 INSIDE = 0.98  # least mask value at a pixel and its four neighbours; gradients at the region's own border do not count
 LIGHT_BINS, CHROMA_BINS, CHROMA_RANGE = 5, 9, 72.0  # bins of L, and of a and b from -72 to 72; stronger colours share the last bin
-BIN_BLUR = 0.7  # standard deviation in bins, so that similar colours in neighbouring bins still agree
 TINY = np.float32(1e-3)  # share of a pixel that is covered, below which its colour is not divided by it
 # Of linear light (ITU-R BT.709).
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
@@ -162,6 +161,7 @@ def _color_histograms(lab: np.ndarray, masks: np.ndarray) -> np.ndarray:
     index = index + np.arange(len(lab))[:, None, None] * bins
     sums = np.bincount(index.ravel(), masks.ravel(), len(lab) * bins).reshape(-1, LIGHT_BINS, CHROMA_BINS, CHROMA_BINS)
     for axis in (1, 2, 3):
-        sums = gaussian_filter1d(sums, BIN_BLUR, axis, mode="constant")
+        # Blurred, so that similar colours in neighbouring bins are alike.
+        sums = gaussian_filter1d(sums, 0.7, axis, mode="constant")
     shares = sums.reshape(len(lab), -1)
     return np.sqrt(shares / np.maximum(shares.sum(1, keepdims=True), 1e-6)).astype(np.float32)

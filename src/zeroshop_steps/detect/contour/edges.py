@@ -12,7 +12,6 @@ STEP_PX = 2  # half of the distance over which a depth jump is measured
 CREASE_PX = 5  # half of the distance over which a change of the normal is measured; normals are smoothed over a few pixels
 JUMP_MM, NOISE_OF_DEPTH2 = 5.0, 6e-6  # a jump of strength 1 is 5 mm and 6e-6 depth^2 (6 mm at 1 m), since noise grows with squared depth
 COLOR = 24.0  # difference in Lab over two pixels that is an edge of strength 1
-COLOR_BLUR_PX = 1.0  # against noise of single pixels
 DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
@@ -35,7 +34,8 @@ class Edges:
 
 def detect_edges(surface: DepthSurface, lab: np.ndarray) -> Edges:
     """Edges of one image; `lab` is its (height, width, 3) float32 Lab colours."""
-    smooth = cv2.GaussianBlur(lab, (0, 0), COLOR_BLUR_PX)
+    # Against noise of single pixels.
+    smooth = cv2.GaussianBlur(lab, (0, 0), 1.0)
     shape = surface.depth_mm.shape
     jump, concave, convex, color = (np.zeros(shape, np.float32) for _ in range(4))
     for row, column in DIRECTIONS:

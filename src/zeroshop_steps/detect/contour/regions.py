@@ -18,13 +18,11 @@ from zeroshop_steps.detect.contour.edges import Edges
 # Chosen on six virtual tables of the demo objects, the test set with seed 1 (docs/results.md, "Detection and poses").
 MARKER_SPACING_PX = 9  # side of the window in which a basin's marker is the lowest pixel; smaller windows give more basins
 TRUSTS = ((1.0, 0.0), (1.0, 0.35), (1.0, 0.7), (0.4, 1.0))  # weights of shape edges and of colour edges in each hierarchy
-JUDGING = 1  # index of the hierarchy whose edges judge the regions
 LEAST_BORDER = 0.4  # mean strength of the edges around a region; those with less are parts of something larger
 CONVEX_TRUST = 0.3  # weight of convex creases beside concave ones: most are edges within an object, such as those of a box
 CREASE, STEEPEST = 0.6, 1.4  # differences of unit normals: an edge of strength 1, and the largest difference that still counts
 CONVEX_RELIEF, COLOR_RELIEF = 0.5, 0.5  # weights of convex creases and of colour in the relief that the watershed floods
 HOLE_JUMP, HOLE_COLOR = 0.8, 0.8  # the weights of jumps and colour where nothing was measured
-RELIEF_BLUR_PX = 1.5  # of the relief, for the markers only
 SMALL_PX, SMALLEST_PX = 60, 120  # basins below the first merge earlier than their borders ask; regions below the second are dropped
 UNKNOWN_SHARE = 0.2  # of measured pixels; a basin with less is unknown, and the ground may take it in
 GROUND = 0  # label
@@ -66,7 +64,7 @@ def propose_regions(surface: DepthSurface, edges: Edges) -> list[RegionProposal]
             if sizes[region].sum() >= SMALLEST_PX and not unknown[region].all():
                 members.setdefault(np.sort(region).tobytes(), np.sort(region))
     groups = list(members.values())
-    border, inside = _mean_strengths(groups, count, pairs, strengths[:, JUDGING] * lengths, lengths)
+    border, inside = _mean_strengths(groups, count, pairs, strengths[:, 1] * lengths, lengths)
     kept = np.flatnonzero(border >= LEAST_BORDER)
     kept = kept[_drop_near_duplicates([groups[index] for index in kept], sizes)]
     return _cut_out_masks([groups[index] for index in kept], labels, border[kept], inside[kept])
@@ -79,7 +77,8 @@ def _label_basins(surface: DepthSurface, edges: Edges) -> np.ndarray:
     relief = np.maximum(
         np.where(surface.measured, shape, HOLE_JUMP * edges.jump), np.where(surface.measured, COLOR_RELIEF, HOLE_COLOR) * edges.color
     )
-    smooth = cv2.GaussianBlur(relief.astype(np.float32), (0, 0), RELIEF_BLUR_PX)
+    # Of the relief, for the markers only.
+    smooth = cv2.GaussianBlur(relief.astype(np.float32), (0, 0), 1.5)
     lowest = cv2.erode(smooth, np.ones((MARKER_SPACING_PX, MARKER_SPACING_PX), np.uint8))
     _, markers = cv2.connectedComponents(((smooth <= lowest) & ~ground).astype(np.uint8))
     return watershed(relief, markers, mask=~ground)

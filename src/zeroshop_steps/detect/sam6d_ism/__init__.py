@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from zeroshop_steps.bop.detections import mask_to_box
-from zeroshop_steps.bop.models import ObjectModel
-from zeroshop_steps.bop.scene import Frame
+from zeroshop_steps.bop.formats.bop_scenes import Frame
+from zeroshop_steps.bop.formats.detections import mask_to_box
+from zeroshop_steps.bop.formats.models import ObjectModel
 from zeroshop_steps.detect.cnos import MOST_IOU, score_objects
 from zeroshop_steps.detect.cnos.crops import CropDescriber
 from zeroshop_steps.detect.detector_io import (
@@ -27,7 +27,7 @@ from zeroshop_steps.detect.detector_io import (
     suppress_boxes,
     warn_of_plain_models,
 )
-from zeroshop_steps.detect.proposals import add_network_arguments, load_networks
+from zeroshop_steps.detect.mask_proposals import add_network_arguments, load_networks
 from zeroshop_steps.detect.sam6d_ism.scores import (
     combine_scores,
     compare_views,
@@ -37,7 +37,7 @@ from zeroshop_steps.detect.sam6d_ism.scores import (
     score_appearance,
 )
 from zeroshop_steps.detect.templates import Templates
-from zeroshop_steps.geometry.surface_distance import sample_surface
+from zeroshop_steps.geometry.alignment.surface_distance import sample_surface
 from zeroshop_steps.networks.devices import DEVICES, choose_device
 
 NO_DEPTH = "and this detector needs depth: add depth images, or use --method cnos, which needs colour only"

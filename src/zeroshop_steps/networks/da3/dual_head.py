@@ -5,7 +5,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from zeroshop_steps.networks.da3.settings import Da3Settings
-from zeroshop_steps.networks.vggt.dpt_head import SCRATCH_HIDDEN, DptHead, Fusion, ResidualUnit, Scratch, fuse_maps
+from zeroshop_steps.networks.vggt.dpt_head import SCRATCH_HIDDEN, DptHead, FeatureFusion, ResidualUnit, Scratch, fuse_maps
 
 RAY_VALUES = 7  # direction and origin in the world, and a confidence
 
@@ -38,7 +38,7 @@ class DualScratch(Scratch):
         super().__init__(channels, features, 2)
         for level in range(1, len(channels) + 1):
             for name in (f"refinenet{level}", f"refinenet{level}_aux"):
-                setattr(self, name, Fusion(features, level == len(channels), PlainUnit))
+                setattr(self, name, FeatureFusion(features, level == len(channels), PlainUnit))
         half = features // 2
         sides = (features, half, features, half, features, half)
         self.output_conv1_aux = nn.ModuleList(

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from zeroshop_steps.networks.da3.backbone import Backbone, Da3Tokens
-from zeroshop_steps.networks.da3.cameras import CameraDecoder, CameraEncoder
+from zeroshop_steps.networks.da3.camera_tokens import CameraDecoder, CameraEncoder
 from zeroshop_steps.networks.da3.dual_head import DualHead
 from zeroshop_steps.networks.da3.settings import SMALL, Da3Settings
 

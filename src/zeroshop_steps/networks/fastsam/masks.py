@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from zeroshop_steps.networks.devices import run_network
-from zeroshop_steps.networks.fastsam.model import STRIDES, Candidates, FastSam
+from zeroshop_steps.networks.fastsam.model import STRIDES, BoxCandidates, FastSam
 
 GREY = 114  # of 255, around an image whose sides are no multiples of the largest stride
 
@@ -47,7 +47,7 @@ def fit_image(photo: np.ndarray, side_px: int) -> tuple[np.ndarray, tuple[slice,
     return image, (inner[0], inner[1])
 
 
-def choose_candidates(found: Candidates, least_likelihood: float, most_iou: float, most: int) -> Candidates:
+def choose_candidates(found: BoxCandidates, least_likelihood: float, most_iou: float, most: int) -> BoxCandidates:
     """The likely ones, the likeliest first, without those whose box nearly is that of a likelier one."""
     likely = torch.nonzero(found.likelihoods > least_likelihood)[:, 0]
     order = likely[found.likelihoods[likely].argsort(descending=True, stable=True)]
@@ -63,10 +63,10 @@ def choose_candidates(found: Candidates, least_likelihood: float, most_iou: floa
         waiting &= common <= most_iou * (areas + areas[first] - common)
         waiting[first] = False
     chosen = order[kept]
-    return Candidates(found.boxes[chosen], found.likelihoods[chosen], found.mixtures[chosen], found.prototypes)
+    return BoxCandidates(found.boxes[chosen], found.likelihoods[chosen], found.mixtures[chosen], found.prototypes)
 
 
-def mix_masks(found: Candidates, size: tuple[int, int]) -> Tensor:
+def mix_masks(found: BoxCandidates, size: tuple[int, int]) -> Tensor:
     """(N, height, width) bool masks of an image of this size, each within its box."""
     height, width = found.prototypes.shape[1:]
     soft = (found.mixtures.float() @ found.prototypes.float().flatten(1)).sigmoid().unflatten(1, (height, width))

@@ -44,7 +44,7 @@ class FastSamSettings:
 
 
 @dataclass(frozen=True)
-class Candidates:
+class BoxCandidates:
     """N boxes of an image.
 
     Attributes:
@@ -158,7 +158,7 @@ class Head(nn.Module):
         self.proto = Prototypes(sizes[0], settings.channels(256))
         self.cv4 = nn.ModuleList(branch(size, max(sizes[0] // 4, PROTOTYPES), PROTOTYPES) for size in sizes)
 
-    def forward(self, pyramid: Sequence[Tensor]) -> list[Candidates]:
+    def forward(self, pyramid: Sequence[Tensor]) -> list[BoxCandidates]:
         """Of each image of (B, C, h, w) layers, the finest first.
 
         What the layers say is read in single precision whatever the rest does: half of it rounds distances by up to two pixels.
@@ -171,7 +171,7 @@ class Head(nn.Module):
         centres, strides = locate_cells(pyramid)
         boxes = torch.cat([centres - distances[:, :2], centres + distances[:, 2:]], 1) * strides
         parts = boxes.transpose(1, 2), likelihoods, mixtures, prototypes
-        return [Candidates(*one) for one in zip(*parts, strict=True)]
+        return [BoxCandidates(*one) for one in zip(*parts, strict=True)]
 
 
 class FastSam(nn.Module):
@@ -203,7 +203,7 @@ class FastSam(nn.Module):
         }
         self.model = nn.ModuleDict(layers)
 
-    def forward(self, images: Tensor) -> list[Candidates]:
+    def forward(self, images: Tensor) -> list[BoxCandidates]:
         """(B, 3, height, width) RGB images, 0..1, whose sides are multiples of 32, to the candidates of each."""
         layers = self.model
         fine = _run(layers, ("0", "1", "2", "3", "4"), images)
@@ -213,7 +213,7 @@ class FastSam(nn.Module):
         fine = layers["15"](torch.cat([_enlarge(middle), fine], 1))
         middle = layers["18"](torch.cat([layers["16"](fine), middle], 1))
         coarse = layers["21"](torch.cat([layers["19"](middle), coarse], 1))
-        found: list[Candidates] = layers["22"]([fine, middle, coarse])
+        found: list[BoxCandidates] = layers["22"]([fine, middle, coarse])
         return found
 
 

@@ -5,8 +5,6 @@ from torch import Tensor, nn
 
 from zeroshop_steps.networks.foundationpose.settings import FoundationPoseSettings
 
-LONGEST_WAVE = 10000.0  # of the table of positions, in tokens over 2 pi (Vaswani et al. 2017)
-
 
 class ConvUnit(nn.Module):
     """A convolution that keeps the size but for its stride, batch normalisation and a ReLU."""
@@ -40,7 +38,8 @@ class PositionTable(nn.Module):
     def __init__(self, width: int, most_tokens: int) -> None:
         super().__init__()
         places = torch.arange(most_tokens, dtype=torch.float32)[:, None]
-        rates = torch.exp(torch.arange(0, width, 2, dtype=torch.float32) * (-torch.log(torch.tensor(LONGEST_WAVE)) / width))
+        # Wavelengths of up to 10000 tokens over 2 pi (Vaswani et al. 2017).
+        rates = torch.exp(torch.arange(0, width, 2, dtype=torch.float32) * (-torch.log(torch.tensor(10000.0)) / width))
         self.register_buffer("pe", torch.stack([torch.sin(places * rates), torch.cos(places * rates)], dim=2).flatten(1)[None])
 
     def forward(self, tokens: Tensor) -> Tensor:

@@ -14,7 +14,6 @@ CHANNELS = FoundationPoseSettings().image_channels
 CUDA = "CUDAExecutionProvider"
 PROVIDERS = {"cpu": ["CPUExecutionProvider"], "cuda": [CUDA, "CPUExecutionProvider"]}
 ON_PROCESSOR = "runs on the processor, where an instance takes about eleven minutes of CPU time"
-WARNINGS = 3  # the severity from which onnxruntime speaks: errors
 
 
 class OnnxPairs:
@@ -34,7 +33,8 @@ class OnnxPairs:
         if not path.is_file():
             raise StepError(f"the network {path} does not exist")
         options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads, options.log_severity_level = torch.get_num_threads(), WARNINGS
+        # Severity 3: errors alone.
+        options.intra_op_num_threads, options.log_severity_level = torch.get_num_threads(), 3
         usable = [name for name in PROVIDERS[device.type] if name in onnxruntime.get_available_providers()]
         if device.type == "cuda" and CUDA not in usable:
             warn(f"{path.name} {ON_PROCESSOR}: install onnxruntime-gpu in place of onnxruntime (make gpu)")

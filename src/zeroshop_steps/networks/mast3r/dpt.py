@@ -24,7 +24,7 @@ class ResidualUnit(nn.Module):
         return x + self.conv2(F.relu(self.conv1(F.relu(x))))
 
 
-class Fusion(nn.Module):
+class FeatureFusion(nn.Module):
     """Adds a finer level to what the coarser ones have come to, and doubles the resolution.
 
     The coarsest has nothing to be added to it; its first unit is in the checkpoint all the same.
@@ -50,7 +50,12 @@ class Scratch(nn.Module):
         for level, channels in enumerate(LEVEL_CHANNELS, start=1):
             setattr(self, f"layer{level}_rn", nn.Conv2d(channels, FEATURES, 3, padding=1, bias=False))
         self.layer_rn = nn.ModuleList(getattr(self, f"layer{level}_rn") for level in range(1, 5))
-        self.refinenet1, self.refinenet2, self.refinenet3, self.refinenet4 = Fusion(), Fusion(), Fusion(), Fusion()
+        self.refinenet1, self.refinenet2, self.refinenet3, self.refinenet4 = (
+            FeatureFusion(),
+            FeatureFusion(),
+            FeatureFusion(),
+            FeatureFusion(),
+        )
 
     def forward(self, levels: Sequence[Tensor]) -> Tensor:
         levels = [convolution(level) for convolution, level in zip(self.layer_rn, levels, strict=True)]

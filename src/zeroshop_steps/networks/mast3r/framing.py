@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from PIL import Image
 
-from zeroshop_steps.geometry.images import read_image, read_mask
+from zeroshop_steps.geometry.imaging.images import read_image, read_mask
 from zeroshop_steps.networks.mast3r.model import PATCH_PX
 from zeroshop_steps.runtime.errors import StepError
 

@@ -7,7 +7,6 @@ from torch.nn import functional as F
 from zeroshop_steps.networks.layers import Mlp
 
 # Of the published network.
-ROTARY_BASE = 100.0
 NORM_EPSILON = 1e-6
 MLP_RATIO = 4
 
@@ -21,7 +20,7 @@ def compute_rotary_factors(rows: int, columns: int, head_dim: int, device: torch
     RoFormer, equation 15, for each image axis with half of the channels (CroCo v2, section 3.2), and 100 in place of 10,000.
     """
     quarter = head_dim // 4
-    frequency = ROTARY_BASE ** -(torch.arange(quarter, device=device, dtype=torch.float32) / quarter)
+    frequency = 100.0 ** -(torch.arange(quarter, device=device, dtype=torch.float32) / quarter)
     row, column = torch.meshgrid(torch.arange(rows, device=device), torch.arange(columns, device=device), indexing="ij")
     angle = torch.stack([row.reshape(-1), column.reshape(-1)], dim=1)[:, :, None] * frequency
     return angle.cos(), angle.sin()

@@ -6,7 +6,6 @@ from torch import Tensor, nn
 
 from zeroshop_steps.networks.sam6d.settings import HEADS
 
-FOCUS = 3  # power of the features of linear attention, which makes it as selective as a softmax
 TINY = 1e-6
 
 
@@ -57,7 +56,8 @@ class LinearAttention(nn.Module):
     def _focus(self, values: Tensor) -> Tensor:
         """(B, HEADS, N, C / HEADS): positive, and sharpened without a change of length."""
         values = (F.relu(values) + TINY) / F.softplus(self.scale)
-        sharp = values**FOCUS
+        # A power makes linear attention as selective as a softmax.
+        sharp = values**3
         sharp = sharp / sharp.norm(dim=-1, keepdim=True) * values.norm(dim=-1, keepdim=True)
         return sharp.unflatten(2, (HEADS, -1)).transpose(1, 2)
 

@@ -7,9 +7,9 @@ import torch
 from torch import Tensor, nn
 
 from zeroshop_steps.networks.sam6d.embedding import PairEmbedding
-from zeroshop_steps.networks.sam6d.matching import CoarseMatching, FineMatching, SparseCloud
+from zeroshop_steps.networks.sam6d.point_matching import CoarseMatching, FineMatching, SparseCloud
 from zeroshop_steps.networks.sam6d.points import sample_farthest, take
-from zeroshop_steps.networks.sam6d.poses import find_coarse_pose, find_fine_pose
+from zeroshop_steps.networks.sam6d.pose_solver import find_coarse_pose, find_fine_pose
 from zeroshop_steps.networks.sam6d.settings import Sam6dSettings
 from zeroshop_steps.networks.sam6d.vision import FeatureExtraction
 from zeroshop_steps.networks.weights import load_strictly, read_own_sizes
@@ -17,8 +17,6 @@ from zeroshop_steps.networks.weights import load_strictly, read_own_sizes
 NAME = "sam-6d-pem-base.pth"
 SIZES = ".json"
 """Suffix of the file beside weights that tells the sizes of a network of one's own."""
-FAR_AWAY = 100.0  # coordinates of the point that stands for none, in radii of the object
-TINY_RADIUS = 1e-6
 UNUSED = "feature_extraction.rgb_net.vit.head."  # of the classes of images that the vision transformer was made for
 
 
@@ -96,7 +94,7 @@ class Sam6dPem(nn.Module):
             return self._estimate(points, features.float(), known, draws)
 
     def _estimate(self, points: Tensor, features: Tensor, known: KnownObject, draws: Tensor) -> PosePrediction:
-        radius = known.points.norm(dim=2).amax(1)[:, None, None] + TINY_RADIUS
+        radius = known.points.norm(dim=2).amax(1)[:, None, None] + 1e-6
         points, known_points, model = points / radius, known.points / radius, known.model / radius
         seen, object_cloud = self._thin_out(points, features), self._thin_out(known_points, known.features)
         logits = self.match_coarse(seen, object_cloud)
@@ -109,7 +107,8 @@ class Sam6dPem(nn.Module):
     def _thin_out(self, points: Tensor, features: Tensor) -> SparseCloud:
         indices = sample_farthest(points, self.settings.sparse_points)
         sparse = take(points, indices)
-        none = torch.full_like(sparse[:, :1], FAR_AWAY)
+        # The point that stands for none, in radii of the object.
+        none = torch.full_like(sparse[:, :1], 100.0)
         return SparseCloud(indices, sparse, take(features, indices), self.geo_embedding(torch.cat([none, sparse], 1)))
 
 

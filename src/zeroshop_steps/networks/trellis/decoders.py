@@ -6,7 +6,7 @@ from torch import Tensor, nn
 
 from zeroshop_steps.networks.trellis.layers import PlainBlock, embed_positions
 from zeroshop_steps.networks.trellis.settings import MeshDecoderSettings, StructureDecoderSettings
-from zeroshop_steps.networks.trellis.sparse import SubmanifoldConvolution, Voxels, WindowAttention, subdivide
+from zeroshop_steps.networks.trellis.sparse import SparseVoxels, SubmanifoldConvolution, WindowAttention, subdivide
 
 GROUPS = 32
 CUBE_FEATURES = 8 * (1 + 3 + 6) + 21
@@ -91,7 +91,7 @@ class Subdivision(nn.Module):
         )
         self.skip_connection = SubmanifoldConvolution(channels, out_channels, 1)
 
-    def forward(self, x: Tensor, halves: Voxels) -> Tensor:
+    def forward(self, x: Tensor, halves: SparseVoxels) -> Tensor:
         """(8 N, out channels) features of `halves`, from (N, channels) of the voxels."""
         first, norm, activation, last = self.out_layers
         hidden = first(self.act_layers(x).repeat_interleave(8, 0), halves)
@@ -112,7 +112,7 @@ class MeshDecoder(nn.Module):
         self.upsample = nn.ModuleList([Subdivision(width, width // 4), Subdivision(width // 4, width // 8)])
         self.out_layer = nn.Linear(width // 8, CUBE_FEATURES)
 
-    def forward(self, latents: Tensor, voxels: Voxels) -> tuple[Tensor, Voxels]:
+    def forward(self, latents: Tensor, voxels: SparseVoxels) -> tuple[Tensor, SparseVoxels]:
         """(64 N, CUBE_FEATURES) features and their voxels, from (N, channels) latents."""
         x = self.input_layer(latents) + embed_positions(voxels.coordinates, self.settings.width)
         window = self.settings.window
@@ -126,6 +126,6 @@ class MeshDecoder(nn.Module):
             return self.out_layer(x.float()), voxels
 
 
-def find_surface_voxels(logits: Tensor) -> Voxels:
+def find_surface_voxels(logits: Tensor) -> SparseVoxels:
     """The voxels whose logit, of (1, 1, R, R, R), is above zero."""
-    return Voxels(torch.argwhere(logits[0, 0] > 0))
+    return SparseVoxels(torch.argwhere(logits[0, 0] > 0))

@@ -6,7 +6,7 @@ from torch import Tensor, nn
 
 from zeroshop_steps.networks.trellis.layers import FlowBlock, TimeEmbedding, embed_positions, plain_norm
 from zeroshop_steps.networks.trellis.settings import FlowSettings
-from zeroshop_steps.networks.trellis.sparse import Pooling, SubmanifoldConvolution, Voxels
+from zeroshop_steps.networks.trellis.sparse import Pooling, SparseVoxels, SubmanifoldConvolution
 
 
 class StructureFlow(nn.Module):
@@ -50,7 +50,7 @@ class ResidualBlock(nn.Module):
         self.emb_layers = nn.Sequential(nn.SiLU(), nn.Linear(time_width, 2 * out_channels))
         self.skip_connection = nn.Linear(channels, out_channels) if channels != out_channels else nn.Identity()
 
-    def forward(self, x: Tensor, voxels: Voxels, time: Tensor) -> Tensor:
+    def forward(self, x: Tensor, voxels: SparseVoxels, time: Tensor) -> Tensor:
         scale, shift = self.emb_layers(time).chunk(2, dim=1)
         hidden = self.conv1(F.silu(self.norm1(x)), voxels)
         hidden = self.conv2(F.silu(self.norm2(hidden) * (1 + scale) + shift), voxels)
@@ -72,7 +72,7 @@ class LatentFlow(nn.Module):
         self.out_blocks = nn.ModuleList([ResidualBlock(2 * width, inner, width), ResidualBlock(2 * inner, inner, width)])
         self.out_layer = nn.Linear(inner, settings.channels)
 
-    def forward(self, x: Tensor, voxels: Voxels, pooling: Pooling, time: Tensor, condition: Tensor) -> Tensor:
+    def forward(self, x: Tensor, voxels: SparseVoxels, pooling: Pooling, time: Tensor, condition: Tensor) -> Tensor:
         """The velocity.
 
         Args:

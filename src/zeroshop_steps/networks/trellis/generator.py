@@ -23,15 +23,13 @@ from zeroshop_steps.networks.trellis.settings import (
     StructureDecoderSettings,
     TrellisSettings,
 )
-from zeroshop_steps.networks.trellis.sparse import Pooling, Voxels
+from zeroshop_steps.networks.trellis.sparse import Pooling, SparseVoxels
 from zeroshop_steps.networks.weights import load_strictly
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.progress import ProgressReport
 
 SIZES_FILE = "settings.json"
-FINER = 4
-"""Cubes of the mesh along an edge of a voxel of the sparse structure."""
 PARTS: dict[str, type] = {
     "structure_flow": FlowSettings,
     "structure_decoder": StructureDecoderSettings,
@@ -79,7 +77,7 @@ def encode_pictures(folder: Path, pictures: Sequence[np.ndarray], device: torch.
 class Sample:
     """What the flows made of one seed: surface voxels, and (N, channels) latents of them; none where nothing came out."""
 
-    voxels: Voxels
+    voxels: SparseVoxels
     latents: Tensor
 
 
@@ -157,7 +155,8 @@ class Generator:
                 self._decoder = self._read("mesh_decoder").to(self.device, torch.float32)
             features, fine = self._decoder(sample.latents, sample.voxels)
             places, values = fine.coordinates.cpu().numpy(), features.float().cpu().numpy()
-        return extract_surface(CubeFeatures.split(self.settings.mesh_decoder.resolution * FINER, places, values))
+        # Four cubes of the mesh along an edge of a voxel of the sparse grid.
+        return extract_surface(CubeFeatures.split(self.settings.mesh_decoder.resolution * 4, places, values))
 
     def _sample_structure(self, network: nn.Module, conditions: Sequence[Tensor], random: torch.Generator) -> Tensor:
         flow = self.settings.structure_flow
@@ -166,7 +165,7 @@ class Generator:
         with ProgressReport("structure (steps)", self.settings.sampler.steps) as report:
             return follow_flow(network, noise, conditions, self.settings.sampler, report.advance)
 
-    def _sample_latents(self, network: nn.Module, conditions: Sequence[Tensor], voxels: Voxels, random: torch.Generator) -> Tensor:
+    def _sample_latents(self, network: nn.Module, conditions: Sequence[Tensor], voxels: SparseVoxels, random: torch.Generator) -> Tensor:
         noise = torch.randn(len(voxels.coordinates), self.settings.latent_flow.channels, generator=random).to(self.device)
         pooling = Pooling.of(voxels)
 

@@ -9,7 +9,6 @@ from torch import Tensor, nn
 
 LONGEST_PERIOD = 10000.0
 TIME_FREQUENCIES = 256
-NORM_EPS = 1e-6
 
 Attend = Callable[[Tensor, Tensor, Tensor], Tensor]
 """From (T, heads, width) queries, keys and values to (T, heads, width) outputs."""
@@ -104,7 +103,7 @@ class FeedForward(nn.Module):
 
 def plain_norm(width: int, affine: bool = False) -> nn.LayerNorm:
     """A layer norm as the blocks have it."""
-    return nn.LayerNorm(width, eps=NORM_EPS, elementwise_affine=affine)
+    return nn.LayerNorm(width, eps=1e-6, elementwise_affine=affine)
 
 
 class FlowBlock(nn.Module):

@@ -7,8 +7,6 @@ from torch import Tensor
 
 from zeroshop_steps.networks.trellis.settings import SamplerSettings
 
-TIME_SCALE = 1000.0  # of the flows' time
-
 
 def sample_times(settings: SamplerSettings) -> list[float]:
     """The steps + 1 times from 1, noise, to 0, data."""
@@ -36,7 +34,7 @@ def follow_flow(
     low, high = settings.interval
     for index, (time, following) in enumerate(zip(times, times[1:], strict=False)):
         condition = conditions[index % len(conditions)]
-        scaled = torch.tensor(TIME_SCALE * time, dtype=torch.float32, device=state.device)
+        scaled = torch.tensor(1000.0 * time, dtype=torch.float32, device=state.device)
         speed = velocity(state, scaled, condition)
         if low <= time <= high:
             unguided = velocity(state, scaled, torch.zeros_like(condition))

@@ -23,7 +23,7 @@ def voxel_keys(coordinates: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True)
-class Voxels:
+class SparseVoxels:
     """Places of voxels, and what is known of their neighbourhood once it was asked for.
 
     Attributes:
@@ -58,7 +58,7 @@ class SubmanifoldConvolution(nn.Module):
         super().__init__()
         self.conv = _ConvolutionParameters(channels, out_channels, size)
 
-    def forward(self, x: Tensor, voxels: Voxels) -> Tensor:
+    def forward(self, x: Tensor, voxels: SparseVoxels) -> Tensor:
         weight, bias = self.conv.weight.flatten(1), self.conv.bias
         if self.conv.weight.shape[1] == 1:
             # spconv reads its weights of one voxel as (in, out), against their shape, and so they were trained.
@@ -88,15 +88,15 @@ class Pooling:
         index: (N,) for each fine voxel, the coarse one that it is in.
     """
 
-    coarse: Voxels
+    coarse: SparseVoxels
     index: Tensor
 
     @staticmethod
-    def of(voxels: Voxels) -> "Pooling":
+    def of(voxels: SparseVoxels) -> "Pooling":
         """Join these voxels."""
         keys, index = voxel_keys(voxels.coordinates // 2).unique(return_inverse=True)
         coordinates = torch.stack([keys // BASE**2, keys // BASE % BASE, keys % BASE], 1) - 1
-        return Pooling(Voxels(coordinates), index)
+        return Pooling(SparseVoxels(coordinates), index)
 
     def average(self, x: Tensor) -> Tensor:
         """(M, channels) sums over the joined voxels, divided by one more than their number, as the flow was trained."""
@@ -109,10 +109,10 @@ class Pooling:
         return x[self.index]
 
 
-def subdivide(voxels: Voxels) -> Voxels:
+def subdivide(voxels: SparseVoxels) -> SparseVoxels:
     """Each voxel's eight halves, one after the other, the last axis fastest."""
     corners = torch.cartesian_prod(*[torch.arange(2, device=voxels.coordinates.device)] * 3)
-    return Voxels((2 * voxels.coordinates[:, None] + corners).flatten(0, 1))
+    return SparseVoxels((2 * voxels.coordinates[:, None] + corners).flatten(0, 1))
 
 
 class WindowAttention:

@@ -7,7 +7,6 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 SCRATCH_HIDDEN = 32  # channels before the last convolution
-POSITION_WEIGHT = 0.1  # of the positions that are added to a map; of the published network
 
 
 class ResidualUnit(nn.Module):
@@ -23,7 +22,7 @@ class ResidualUnit(nn.Module):
         return x + self.conv2(F.relu(self.conv1(x)))
 
 
-class Fusion(nn.Module):
+class FeatureFusion(nn.Module):
     """Add a finer map to a coarser one and enlarge the sum; `unit` is what both go through."""
 
     def __init__(self, features: int, coarsest: bool, unit: type[ResidualUnit] = ResidualUnit) -> None:
@@ -45,7 +44,7 @@ class Scratch(nn.Module):
         super().__init__()
         for level, count in enumerate(channels, start=1):
             setattr(self, f"layer{level}_rn", nn.Conv2d(count, features, 3, padding=1, bias=False))
-            setattr(self, f"refinenet{level}", Fusion(features, coarsest=level == len(channels)))
+            setattr(self, f"refinenet{level}", FeatureFusion(features, coarsest=level == len(channels)))
         self.output_conv1 = nn.Conv2d(features, features if out is None else features // 2, 3, padding=1)
         if out is not None:
             self.output_conv2 = nn.Sequential(
@@ -117,14 +116,14 @@ class DptHead(nn.Module):
     def _placed(self, values: Tensor, aspect: float) -> Tensor:
         """Tell a map where its pixels are."""
         return (
-            values + POSITION_WEIGHT * encode_positions((values.shape[2], values.shape[3]), values.shape[1], aspect).to(values)
+            values + 0.1 * encode_positions((values.shape[2], values.shape[3]), values.shape[1], aspect).to(values)
             if self.dense
             else values
         )
 
 
 def fuse_maps(lateral: list[Tensor], refine: Sequence[nn.Module]) -> Tensor:
-    """Maps of equal channels, finest first, fused from the coarsest on by the `Fusion` of each; twice the finest's size."""
+    """Maps of equal channels, finest first, fused from the coarsest on by the `FeatureFusion` of each; twice the finest's size."""
     fused = None
     for level in range(len(lateral) - 1, -1, -1):
         fine = lateral[level]

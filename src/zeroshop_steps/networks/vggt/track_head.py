@@ -12,9 +12,7 @@ from zeroshop_steps.networks.vggt.dpt_head import DptHead
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.networks.vggt.update_transformer import UpdateTransformer
 
-POSITION_BASE = 10_000.0  # of the wavelengths of positions (Vaswani et al. 2017, section 3.5)
 STRIDE = 2  # pixels of the image a pixel of the feature maps
-MOTION_PX = 518  # what motions are told in shares of
 VOLUME_VALUES = 1 << 27  # correlations that are held at a time
 
 
@@ -77,7 +75,7 @@ class PointTracker(nn.Module):
         for _ in range(rounds):
             nearby = self.corr_mlp(self._correlations(pyramid, found, place))
             motion = place - place[:, :1]
-            scaled = motion / MOTION_PX
+            scaled = motion / 518
             tokens = torch.cat([encode_motion(motion, features // 2), scaled, scaled, nearby, found], dim=2) + context
             change = self.updateformer(tokens)
             found = found + self.ffeat_updater(self.ffeat_norm(change[..., 2:].flatten(0, 1))).unflatten(0, found.shape[:2])
@@ -119,7 +117,7 @@ def encode_motion(motion: Tensor, channels: int) -> Tensor:
 
 def encode_positions(xy: Tensor, size: tuple[int, int], channels: int) -> Tensor:
     """(N, channels) sines and cosines of x, then of y: known at whole pixels of an (H, W) map, interpolated between."""
-    frequencies = POSITION_BASE ** -(torch.arange(channels // 4, dtype=torch.float64) / (channels // 4))
+    frequencies = 10_000.0 ** -(torch.arange(channels // 4, dtype=torch.float64) / (channels // 4))
     codes = []
     for values, count in ((xy[:, 0], size[1]), (xy[:, 1], size[0])):
         angles = torch.arange(count, dtype=torch.float64)[:, None] * frequencies

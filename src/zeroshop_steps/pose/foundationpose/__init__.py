@@ -9,7 +9,7 @@ same with files that allow it, and `render_compare` needs no weights. Writes BOP
 import argparse
 import functools
 
-from zeroshop_steps.bop.models import ObjectModel
+from zeroshop_steps.bop.formats.models import ObjectModel
 from zeroshop_steps.networks.foundationpose.model import SIZES
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, resolve_weights
 from zeroshop_steps.pose import dataset

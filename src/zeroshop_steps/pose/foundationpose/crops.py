@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.rasterization import Fragments, PixelGrid, rasterize
-from zeroshop_steps.geometry.surface_parts import with_texture
+from zeroshop_steps.geometry.meshes.surface_parts import with_texture
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.rasterization import Fragments, PixelGrid, rasterize
 from zeroshop_steps.networks.foundationpose.settings import CROP_PX, REFINER_MARGIN, SCORER_MARGIN
 
 AMBIENT, DIFFUSE = 0.8, 0.5  # of the light from the camera, as shares of the colour

@@ -9,7 +9,6 @@ RADIUS_PX = 2  # of the windows, squares of 5 x 5 pixels
 STEP_MM = 1.0  # a neighbour that differs by more speaks against a pixel
 MOST_AGAINST = 0.8  # share of the neighbours that may do so
 LAYER_MM = 10.0  # only values this close to the mean of the window are averaged
-SIGMA_PX = 2.0  # of their weights
 WINDOW = 2 * RADIUS_PX + 1
 
 
@@ -37,6 +36,6 @@ def _smooth(depth: Tensor) -> Tensor:
     there = values > 0
     mean = (values * there).sum(0) / there.sum(0).clamp(min=1)
     away = torch.arange(WINDOW) - RADIUS_PX
-    weights = torch.exp(-(away[:, None] ** 2 + away[None] ** 2) / (2 * SIGMA_PX**2)).flatten()[:, None, None]
+    weights = torch.exp(-(away[:, None] ** 2 + away[None] ** 2) / (2 * 2.0**2)).flatten()[:, None, None]
     weights = weights * (there & ((values - mean).abs() < LAYER_MM))
     return (weights * values).sum(0) / weights.sum(0).clamp(min=1e-12)

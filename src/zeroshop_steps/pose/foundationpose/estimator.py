@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from zeroshop_steps.bop.models import ObjectModel, measure_diameter_mm
+from zeroshop_steps.bop.formats.models import ObjectModel, measure_diameter_mm
 from zeroshop_steps.pose.foundationpose.crops import FOR_REFINER, FOR_SCORER, CropPairs, CropStyle, DrawnModel, Observation, cut_pairs
 from zeroshop_steps.pose.foundationpose.depth_filter import filter_depth
 from zeroshop_steps.pose.foundationpose.networks import PairNetworks
@@ -17,7 +17,7 @@ from zeroshop_steps.pose.foundationpose.start_poses import estimate_centre, make
 LEAST_POINTS = 4  # measured points in a mask; with fewer, no pose is estimated
 
 
-class PreparedModel:
+class FoundationPoseModel:
     """One model, ready to be looked for.
 
     Attributes:
@@ -67,7 +67,7 @@ class PoseEstimator:
         return Observation.of(photo, filtered, intrinsics, self.device), filtered
 
     def register(
-        self, mask: np.ndarray, photo: np.ndarray, depth_mm: np.ndarray, intrinsics: np.ndarray, ready: PreparedModel
+        self, mask: np.ndarray, photo: np.ndarray, depth_mm: np.ndarray, intrinsics: np.ndarray, ready: FoundationPoseModel
     ) -> np.ndarray | None:
         """(4, 4) camera_from_model in mm of the object in a mask; None where too little of it was measured.
 
@@ -89,7 +89,7 @@ class PoseEstimator:
         return self._pose_of(poses[best : best + 1], ready)
 
     def track(
-        self, camera_from_model: np.ndarray, photo: np.ndarray, depth_mm: np.ndarray, intrinsics: np.ndarray, ready: PreparedModel
+        self, camera_from_model: np.ndarray, photo: np.ndarray, depth_mm: np.ndarray, intrinsics: np.ndarray, ready: FoundationPoseModel
     ) -> np.ndarray:
         """The (4, 4) pose in this frame of a film, refined once from that in the frame before; arguments are those of `register`."""
         seen, _ = self.observe(photo, depth_mm, intrinsics)
@@ -112,7 +112,7 @@ class PoseEstimator:
     def _pairs(self, seen: Observation, model: DrawnModel, poses: Tensor, style: CropStyle) -> Iterator[CropPairs]:
         return (cut_pairs(seen, model, part, style) for part in poses.split(self.networks.batch))
 
-    def _pose_of(self, poses: Tensor, ready: PreparedModel) -> np.ndarray:
+    def _pose_of(self, poses: Tensor, ready: FoundationPoseModel) -> np.ndarray:
         """(4, 4) the first of these poses, in double precision and with an exact rotation."""
         pose = poses[:1].double().cpu().numpy()
         left, _, right = np.linalg.svd(pose[:, :3, :3])

@@ -5,7 +5,6 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 LEAST_VIEWS = 40  # directions at least: the corners of a sphere of triangles; an icosahedron divided once has 42
-TURN_DEG = 60.0  # between in-plane rotations
 SAME_TURN_DEG = 30.0  # rotations that differ by less, up to a symmetry of the object, are the same
 
 
@@ -15,7 +14,7 @@ def make_rotations(symmetries: np.ndarray) -> np.ndarray:
     Args:
         symmetries: (S, 4, 4) model_from_model, the identity among them.
     """
-    turns = Rotation.from_euler("z", -np.arange(0.0, 360.0, TURN_DEG)[:, None], degrees=True).as_matrix()
+    turns = Rotation.from_euler("z", -np.arange(0.0, 360.0, 60.0)[:, None], degrees=True).as_matrix()
     all_of_them = (turns[None] @ _make_views()[:, None]).reshape(-1, 3, 3)
     return all_of_them[_find_different(all_of_them, symmetries[:, :3, :3])]
 

@@ -6,16 +6,15 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from zeroshop_steps.bop.detections import Detection
-from zeroshop_steps.bop.models import ObjectModel
-from zeroshop_steps.bop.scene import Frame
+from zeroshop_steps.bop.formats.bop_scenes import Frame
+from zeroshop_steps.bop.formats.detections import Detection
+from zeroshop_steps.bop.formats.models import ObjectModel
+from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.networks.devices import DEVICES, choose_device, run_network
 from zeroshop_steps.pose import dataset
-from zeroshop_steps.pose.foundationpose.estimator import PoseEstimator, PreparedModel
+from zeroshop_steps.pose.foundationpose.estimator import FoundationPoseModel, PoseEstimator
 from zeroshop_steps.pose.foundationpose.networks import PairNetworks
 from zeroshop_steps.runtime.errors import warn
-
-MM_PER_M = 1000.0
 
 
 def add_common_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,9 +51,9 @@ def prepare_estimator(
     return estimate
 
 
-def prepare_models(models: dict[int, ObjectModel], device: torch.device) -> dict[int, PreparedModel]:
+def prepare_models(models: dict[int, ObjectModel], device: torch.device) -> dict[int, FoundationPoseModel]:
     """The models on the device; warns of those without any colour."""
     plain = [number for number, model in models.items() if not model.mesh.is_colored]
     if plain:
         warn(f"the models of the objects {plain} have no texture or colours; the networks cannot tell alike sides apart")
-    return {number: PreparedModel(model, device) for number, model in models.items()}
+    return {number: FoundationPoseModel(model, device) for number, model in models.items()}

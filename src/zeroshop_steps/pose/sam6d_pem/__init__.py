@@ -14,12 +14,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from zeroshop_steps.bop.detections import Detection
-from zeroshop_steps.bop.models import ObjectModel
-from zeroshop_steps.bop.scene import Frame
+from zeroshop_steps.bop.formats.bop_scenes import Frame
+from zeroshop_steps.bop.formats.detections import Detection
+from zeroshop_steps.bop.formats.models import ObjectModel
 from zeroshop_steps.detect.detector_io import warn_of_plain_models
 from zeroshop_steps.detect.templates import Templates, read_templates
-from zeroshop_steps.geometry.surface_distance import sample_surface
+from zeroshop_steps.geometry.alignment.surface_distance import sample_surface
+from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.networks.devices import DEVICES, MemoryNeeds, check_memory, choose_device, run_network
 from zeroshop_steps.networks.sam6d.embedding import BALL_CHANNELS, BALLS
 from zeroshop_steps.networks.sam6d.model import NAME, SIZES, KnownObject, Sam6dPem, load_sam6d_pem
@@ -31,7 +32,6 @@ from zeroshop_steps.runtime.progress import track
 
 MODEL_POINTS = 1024  # of the whole surface, near which the image's points must lie
 LEAST_SCORE = 0.25  # of a detection; those with less are not looked at
-MM_PER_M = 1000.0  # the network was trained in metres
 RUNTIME_BYTES = 600_000_000  # Python, PyTorch and the pictures
 GROUP_COPIES, PAIR_COPIES = 5, 6  # of the largest arrays that are there at once; 1.6 GB were measured, 1.8 GB are foreseen
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.detect.templates import Templates
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.geometry.cameras.transforms import transform_points
 from zeroshop_steps.networks.sam6d.settings import IMAGE_PX
 
 MEAN, DEVIATION = np.array([0.485, 0.456, 0.406]), np.array([0.229, 0.224, 0.225])  # ImageNet's, of 0..1

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
 
-from zeroshop_steps.networks.da3.cameras import invert_encodings
+from zeroshop_steps.networks.da3.camera_tokens import invert_encodings
 from zeroshop_steps.networks.da3.model import DepthAnything3, adapt_names
 from zeroshop_steps.networks.da3.settings import BASE, SMALL, Da3Settings
 from zeroshop_steps.networks.weights import load_strictly

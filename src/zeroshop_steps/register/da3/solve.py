@@ -11,7 +11,7 @@ import numpy as np
 import pycolmap
 import torch
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.register.colmap import ColmapOptions, match_and_reconstruct
 from zeroshop_steps.register.da3.guided_matches import RoughScene
 from zeroshop_steps.register.da3.network import Da3Network, find_size, predict_peak_bytes

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.register.scene.image_set import ImageSet, read_masks
 from zeroshop_steps.register.scene.lenses import import_images, import_with_cameras
 

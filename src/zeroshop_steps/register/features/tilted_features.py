@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.images import read_image, write_image
+from zeroshop_steps.geometry.imaging.images import read_image, write_image
 from zeroshop_steps.register.features.sift import SiftOptions, make_extraction_options
 from zeroshop_steps.register.scene.database import create_database, delete_pair, replace_features
 from zeroshop_steps.register.scene.image_set import ImageSet

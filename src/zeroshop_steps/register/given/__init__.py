@@ -9,7 +9,7 @@ import argparse
 
 import pycolmap
 
-from zeroshop_steps.capture.given_cameras import FILE, read_given_cameras
+from zeroshop_steps.capture.cameras_json import FILE, read_given_cameras
 from zeroshop_steps.register.colmap import ColmapOptions, add_own_arguments, read_options
 from zeroshop_steps.register.pipeline import add_matching_arguments
 from zeroshop_steps.register.registration import write_registration

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.capture.given_cameras import GivenCameras
-from zeroshop_steps.geometry.cameras import LEAST_PAIRS, find_centre, fit_similarity_robustly, to_matrix
-from zeroshop_steps.geometry.transforms import measure_turn_deg
+from zeroshop_steps.capture.cameras_json import GivenCameras
+from zeroshop_steps.geometry.cameras.pinhole import LEAST_PAIRS, find_centre, fit_similarity_robustly, to_matrix
+from zeroshop_steps.geometry.cameras.transforms import measure_turn_deg
 from zeroshop_steps.register.mapping.mapper import make_adjustment_options, triangulate_points
 from zeroshop_steps.register.mapping.reregistration import ITERATIONS, LOSS_SCALE_PX, STRICT_ERROR_PX
 from zeroshop_steps.register.scene.image_set import ImageSet

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.capture.given_cameras import GivenCameras
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.scene_support import find_focus
+from zeroshop_steps.capture.cameras_json import GivenCameras
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.support.scene_support import find_focus
 from zeroshop_steps.register.colmap import ColmapOptions, match_images
 from zeroshop_steps.register.features.sift import fit_to_count
 from zeroshop_steps.register.final_checks import FinalChecks

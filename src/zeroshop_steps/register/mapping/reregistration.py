@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.sparse_files import write_reconstruction
+from zeroshop_steps.geometry.cameras.sparse_files import write_reconstruction
 from zeroshop_steps.register.mapping.mapper import adjust_robustly, make_mapping_options
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 

@@ -6,8 +6,8 @@ from itertools import combinations
 import numpy as np
 from scipy.sparse.csgraph import minimum_spanning_tree
 
-from zeroshop_steps.geometry.images import read_image
-from zeroshop_steps.geometry.view_similarity import count_common_features, describe_view
+from zeroshop_steps.geometry.imaging.image_overlap import count_common_features, describe_view
+from zeroshop_steps.geometry.imaging.images import read_image
 from zeroshop_steps.register.features.sift import SiftOptions
 from zeroshop_steps.register.scene.image_set import ImageSet, read_masks
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.transforms import transform_camera
-from zeroshop_steps.geometry.visual_hull import find_inside_masks, voxel_centres
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.cameras.transforms import transform_camera
+from zeroshop_steps.geometry.observation.visual_hull import find_inside_masks, voxel_centres
 from zeroshop_steps.register.silhouettes.coherence import bound_object
 
 NEAR_SCALE = 1.5  # neighbours' distances to the object differ by at most this factor

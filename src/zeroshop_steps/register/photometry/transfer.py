@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from scipy.spatial import Delaunay
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.register.photometry.hull_views import SmallView
 
 VISIBLE = 0.06  # of the radius: how near to the hull's front in the neighbour a point lies that it sees

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.registered_views import DEVIATIONS, View, read_views
-from zeroshop_steps.geometry.scene_support import find_focus
-from zeroshop_steps.geometry.sparse_files import read_reconstruction
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import DEVIATIONS, View, read_views
+from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction
+from zeroshop_steps.geometry.support.scene_support import find_focus
 from zeroshop_steps.register.refinement.covariance import CameraDeviations, estimate_deviations
 from zeroshop_steps.register.scene.record import Evidence, Finding
 from zeroshop_steps.register.silhouettes.bundle_adjustment import SilhouetteAdjustment

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.transforms import make_cross_matrices
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.transforms import make_cross_matrices
 from zeroshop_steps.register.silhouettes.state import Tracks
 
 UNKNOWNS = 6  # of a view: its turn about the object's centre, then where that centre lies in the camera

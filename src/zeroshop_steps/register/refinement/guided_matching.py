@@ -14,10 +14,10 @@ import numpy as np
 import pycolmap
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import read_image
-from zeroshop_steps.geometry.transforms import transform_camera
-from zeroshop_steps.geometry.visual_hull import VisualHull, find_inside_masks
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.transforms import transform_camera
+from zeroshop_steps.geometry.imaging.images import read_image
+from zeroshop_steps.geometry.observation.visual_hull import VisualHull, find_inside_masks
 from zeroshop_steps.register.photometry.hull_views import MISSING_SHARE
 from zeroshop_steps.register.photometry.score import correlate, find_peak
 from zeroshop_steps.register.photometry.transfer import cut_patch, span_axes

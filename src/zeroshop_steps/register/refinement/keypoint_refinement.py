@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.geometry.imaging.images import read_image
 from zeroshop_steps.register.mapping.mapper import adjust_robustly
 from zeroshop_steps.register.photometry.transfer import cut_patch, span_axes
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX

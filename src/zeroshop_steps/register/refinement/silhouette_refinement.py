@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.cameras import Camera, fit_similarity
+from zeroshop_steps.geometry.cameras.pinhole import Camera, fit_similarity
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 from zeroshop_steps.register.silhouettes.coherence import UNEXPLAINED_PX, find_wrong_masks, measure_silhouette_coherence, shrink_masks
 from zeroshop_steps.register.silhouettes.model_adjustment import adjust_model_by_masks

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.runtime.machine import require_memory, require_room
+from zeroshop_steps.runtime.compute.machine import require_memory, require_room
 
 IMAGE_BYTES = 2_000_000
 """Of an image in the database: its features, and its share of the matches. 60 photos with 4000 features each took 47 MB."""

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.images import list_images, read_image, read_mask, require_one_size
+from zeroshop_steps.geometry.imaging.images import list_images, read_image, read_mask, require_one_size
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 

@@ -15,7 +15,7 @@ from typing import Any, Self
 
 import pycolmap
 
-from zeroshop_steps.geometry.sparse_files import write_reconstruction
+from zeroshop_steps.geometry.cameras.sparse_files import write_reconstruction
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import read_image, read_mask, write_image, write_mask
-from zeroshop_steps.geometry.sparse_files import write_reconstruction
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.sparse_files import write_reconstruction
+from zeroshop_steps.geometry.imaging.images import read_image, read_mask, write_image, write_mask
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.runtime.errors import StepError
 

@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.transforms import make_cross_matrices
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.transforms import make_cross_matrices
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 from zeroshop_steps.register.silhouettes.coherence import bound_object
 from zeroshop_steps.register.silhouettes.least_squares import Noise, SilhouetteRows, TrackBlocks, find_information, solve_step

@@ -12,11 +12,11 @@ from functools import partial
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.rays import find_nearest_point
-from zeroshop_steps.geometry.transforms import shrink_camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.ray_convergence import find_nearest_point
+from zeroshop_steps.geometry.cameras.transforms import shrink_camera
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
-from zeroshop_steps.runtime.thread_pool import map_in_threads
+from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
 
 RADIUS_MARGIN, RADIUS_PERCENTILE = 1.2, 90  # of the object's sphere: all of the object, but not for the size of a wrong mask
 NEAREST_DEPTH = 0.05  # share of the depth of the object's centre at which rays start where the sphere holds the camera

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.cameras import Camera, to_rigid
+from zeroshop_steps.geometry.cameras.pinhole import Camera, to_rigid
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.undistortion import undistort_masks
 from zeroshop_steps.register.silhouettes.bundle_adjustment import SilhouetteAdjustment

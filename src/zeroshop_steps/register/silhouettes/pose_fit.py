@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.register.silhouettes.bundle_adjustment import SilhouetteAdjustment
 from zeroshop_steps.register.silhouettes.state import NO_TRACKS
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX, ImageSet
 from zeroshop_steps.register.silhouettes.coarse_coherence import measure_misses, pose_views, try_places
 from zeroshop_steps.register.silhouettes.coherence import choose_rim_pixels

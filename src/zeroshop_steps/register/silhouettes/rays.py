@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.register.silhouettes.coherence import choose_rim_pixels
-from zeroshop_steps.runtime.thread_pool import map_in_threads
+from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
 
 SMOOTHING_PX = 1.0  # of the signed distance: steps of pixels along the rim are not the object's
 RIM_ROUNDS = 2  # of moving a pixel's centre onto the rim

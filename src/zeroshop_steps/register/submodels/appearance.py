@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.register.photometry.hull_views import make_small_views
 from zeroshop_steps.register.photometry.view_similarity import UNLIKE_SCORE, Chances, compare_distinctive, compare_in_place
 

@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.cameras import to_rigid
-from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.geometry.transforms import compute_scale, transform_points
+from zeroshop_steps.geometry.cameras.pinhole import to_rigid
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_points
 from zeroshop_steps.register.mapping.reregistration import refine_robustly
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.undistortion import undistort, undistort_masks
 from zeroshop_steps.register.silhouettes.model_adjustment import adjust_model_by_silhouettes
 from zeroshop_steps.register.silhouettes.pose_fit import FINE_MISS_PX, WRONG_MISS_PX
-from zeroshop_steps.register.submodels.alignment import CameraGroup, find_hypotheses
 from zeroshop_steps.register.submodels.appearance import Likeness, compare_groups
+from zeroshop_steps.register.submodels.outline_alignment import CameraGroup, find_hypotheses
 from zeroshop_steps.runtime.files import scratch_directory
 
 LEAST_IMAGES = 5  # of a group

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.register.mapping.reregistration import measure_reprojection_errors_px
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.lenses import folds

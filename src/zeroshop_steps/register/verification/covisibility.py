@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.rays import find_nearest_point
+from zeroshop_steps.geometry.cameras.ray_convergence import find_nearest_point
 
 NEAR_DEG, NEAR_SCALE = 30.0, 1.5
 """Images are neighbours where their directions to the scene differ by at most so much, and their distances by at most this factor."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.transforms import measure_turn_deg
+from zeroshop_steps.geometry.cameras.transforms import measure_turn_deg
 from zeroshop_steps.register.scene.record import Finding
 
 JUMP_DEG = 75.0

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.cameras import take_cameras
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.support_plane import estimate_up_from_roll
-from zeroshop_steps.geometry.transforms import measure_turn_deg
+from zeroshop_steps.geometry.cameras.pinhole import take_cameras
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.cameras.transforms import measure_turn_deg
+from zeroshop_steps.geometry.support.ground_plane import estimate_up_from_roll
 from zeroshop_steps.register.matching.rotation_consistency import estimate_turn
 from zeroshop_steps.register.scene.record import Evidence, Finding
 from zeroshop_steps.register.verification.epipolar_support import count_epipolar_support

@@ -16,8 +16,8 @@ import numpy as np
 import pycolmap
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.geometry.cameras import Camera, take_cameras
-from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.geometry.cameras.pinhole import Camera, take_cameras
+from zeroshop_steps.geometry.imaging.images import read_image
 from zeroshop_steps.register.photometry.score import LEAST_CONTRAST, correlate
 from zeroshop_steps.register.photometry.transfer import carry_by_plane
 from zeroshop_steps.register.verification.covisibility import find_neighbours

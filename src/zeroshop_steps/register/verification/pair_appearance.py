@@ -12,7 +12,7 @@ import numpy as np
 import pycolmap
 from scipy.spatial import Delaunay, QhullError
 
-from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.geometry.imaging.images import read_image
 from zeroshop_steps.register.photometry.score import WHOLE, compare_patches
 from zeroshop_steps.register.photometry.transfer import find_between_matches
 from zeroshop_steps.register.scene.database import delete_pair

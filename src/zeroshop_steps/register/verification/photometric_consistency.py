@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.register.photometry.hull_views import make_small_views
 from zeroshop_steps.register.photometry.view_similarity import LEAST_PATCHES, UNLIKE_SCORE, Chances, compare, compare_distinctive
 from zeroshop_steps.register.scene.record import Evidence, Finding

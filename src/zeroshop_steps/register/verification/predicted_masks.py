@@ -14,13 +14,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.geometry.images import write_mask
-from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.geometry.sparse_files import read_reconstruction
-from zeroshop_steps.networks.object_finder import cut_main_things
-from zeroshop_steps.networks.saliency_maps import FINE_WIDTH_PX, WIDTH_PX, write_maps
-from zeroshop_steps.networks.salient_object import SalientObjectNetwork
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction
+from zeroshop_steps.geometry.imaging.images import write_mask
+from zeroshop_steps.networks.saliency.object_finder import cut_main_things
+from zeroshop_steps.networks.saliency.saliency_maps import FINE_WIDTH_PX, WIDTH_PX, write_maps
+from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.register.refinement.silhouette_refinement import measure_silhouette_misses_px
 from zeroshop_steps.register.scene.image_set import MIN_IMAGES, ImageSet
 from zeroshop_steps.register.scene.record import Evidence, Finding, Record, RegistrationFailed, find_lens

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.scene_support import find_focus
-from zeroshop_steps.geometry.support_plane import estimate_up_from_roll
+from zeroshop_steps.geometry.cameras.pinhole import Camera, read_sparse_model
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.support.ground_plane import estimate_up_from_roll
+from zeroshop_steps.geometry.support.scene_support import find_focus
 from zeroshop_steps.runtime.errors import StepError
 
 WIDE_GAP_DEG = 60.0

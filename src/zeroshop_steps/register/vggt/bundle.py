@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.register.mapping.mapper import adjust_robustly
 from zeroshop_steps.register.mapping.reregistration import remove_images
 from zeroshop_steps.register.matching.verified_matches import make_verification_options

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX, ImageSet, read_masks
 from zeroshop_steps.register.silhouettes.coherence import measure_silhouette_coherence
 from zeroshop_steps.register.vggt.dense_points import DensePoints

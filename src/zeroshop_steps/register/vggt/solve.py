@@ -12,7 +12,7 @@ import numpy as np
 import pycolmap
 import torch
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.register.mapping.reregistration import remove_images
 from zeroshop_steps.register.registration import write_registration

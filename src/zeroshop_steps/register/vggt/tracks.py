@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.register.vggt.frames import Frames
 
 LEAST_QUALITY = 1e-4  # of a corner, as a share of the best one's; low, so that dull parts get points, too

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.geometry.mesh_rendering import sample_texture
-from zeroshop_steps.geometry.mesh_repair import drop_repeated_faces, find_triangles
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.meshes.mesh_repair import drop_repeated_faces, find_triangles
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import sample_texture
 
 # Above this many faces texture coordinates are not carried through the decimation, which would take minutes and gigabytes.
 TEXTURED_FACES = 400_000

@@ -1,10 +1,10 @@
-"""Where the cameras stood: a plan seen from above and a section, as SVG. Not by Matplotlib, for the reasons in charts.py."""
+"""Where the cameras stood: a plan seen from above and a section, as SVG. Not by Matplotlib, for the reasons in svg_plots.py."""
 
 import numpy as np
 from markupsafe import Markup, escape
 
-from zeroshop_steps.geometry.cameras import SparseModel
-from zeroshop_steps.geometry.transforms import transform_camera
+from zeroshop_steps.geometry.cameras.pinhole import SparseModel
+from zeroshop_steps.geometry.cameras.transforms import transform_camera
 
 SIZE = 300
 MARGIN = 24

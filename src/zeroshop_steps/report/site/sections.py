@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
 from zeroshop_steps.report.site.advice import advise, advise_on_failure
-from zeroshop_steps.report.site.charts import line_chart
 from zeroshop_steps.report.site.plan import camera_plan
 from zeroshop_steps.report.site.provenance import list_costs, list_measures, list_provenance, read_training_curves
 from zeroshop_steps.report.site.results_index import Cell, Run, find_table
+from zeroshop_steps.report.site.svg_plots import line_chart
 from zeroshop_steps.report.site.viewer_meshes import read_object_frame
 from zeroshop_steps.report.site.views import write_sheets, write_views
 from zeroshop_steps.runtime.errors import StepError, warn

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, read_sparse_model
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import read_first_cameras
-from zeroshop_steps.geometry.surface_distance import count_seeing_views, measure_distances
-from zeroshop_steps.geometry.transforms import compute_scale, transform_points
+from zeroshop_steps.geometry.alignment.surface_distance import count_seeing_views, measure_distances
+from zeroshop_steps.geometry.cameras.pinhole import align_to_truth, pair_with_truth, read_sparse_model
+from zeroshop_steps.geometry.cameras.registered_views import read_first_cameras
+from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_points
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.report.site.html import format_method
 from zeroshop_steps.report.site.mesh_reduction import ReducedMesh, reduce_mesh
 from zeroshop_steps.report.site.results_index import Cell, Run

@@ -5,28 +5,24 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import list_images, read_image, read_mask
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.ply_surface import read_ply
-from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.transforms import crop_to_mask, transform_camera
-from zeroshop_steps.report.site.pictures import fit_width, write_webp
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.registered_views import View, read_views
+from zeroshop_steps.geometry.cameras.transforms import crop_to_mask, transform_camera
+from zeroshop_steps.geometry.imaging.images import list_images, read_image, read_mask
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.report.site.results_index import Cell, Run
+from zeroshop_steps.report.site.thumbnails import fit_width, write_webp
 from zeroshop_steps.report.site.viewer_meshes import compute_truth_from_object, read_object_frame
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure
 
 TILE_PX, SHEET_COLUMNS, VIEW_PX = 190, 5, 300
-MOST_PHOTOS = 40  # on a sheet
 SHEET_QUALITY = 78  # 0 to 100, of WebP
-GAIN = 4.0
-"""Factor by which differences are amplified."""
 MISSING, MISSING_EDGE_PX = (196, 60, 48), 6
 """Frame of a photo without a camera: the report's red, wide enough to stand out."""
 FADED, PALE_LEVEL = 0.25, 170
 """A background keeps this share of its contrast and becomes at least so bright, of 255: the object stands out, its place is still known."""
-OUTLINE = (232, 80, 40)
 GAP_PX = 4
 
 
@@ -39,7 +35,7 @@ def write_sheets(run: Run, folder: Path) -> dict[str, str]:
     if not (source / "images").is_dir():
         return {}
     registered = {path.stem for path in (run.folder / "cameras/images").glob("*")} if source != run.capture else set()
-    photos = list_images(run.capture / "images")[:MOST_PHOTOS] if (run.capture / "images").is_dir() else list_images(source / "images")
+    photos = list_images(run.capture / "images")[:40] if (run.capture / "images").is_dir() else list_images(source / "images")
     plain, masked = [], []
     for path in photos:
         there = path.stem in registered
@@ -64,7 +60,7 @@ def dim_background(tile: np.ndarray, mask: np.ndarray) -> np.ndarray:
     small = cv2.resize(mask.astype(np.uint8), (tile.shape[1], tile.shape[0]), interpolation=cv2.INTER_AREA)
     faded = np.where(small[..., None] > 0, tile, (tile * FADED + PALE_LEVEL).astype(np.uint8))
     outline = cv2.morphologyEx(small, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0
-    faded[outline] = OUTLINE
+    faded[outline] = (232, 80, 40)
     return faded
 
 
@@ -128,7 +124,8 @@ def draw_comparison_strip(renderer: MeshRenderer, view: View, frame: np.ndarray)
     camera, photo, mask = cut_tile(view, frame)
     photo = np.where(mask[..., None], photo, 255)
     render = renderer.render_color(camera, (255, 255, 255), 2)
-    difference = np.clip(255 - GAIN * np.abs(photo.astype(int) - render), 0, 255).astype(np.uint8)
+    # Differences are amplified.
+    difference = np.clip(255 - 4.0 * np.abs(photo.astype(int) - render), 0, 255).astype(np.uint8)
     return np.concatenate([photo, render, difference], 1)
 
 

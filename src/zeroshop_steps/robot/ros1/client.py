@@ -5,7 +5,6 @@ from typing import Any
 
 from zeroshop_steps.runtime.errors import StepError
 
-SERVER_WAIT_S = 10.0  # for a server that is not there yet
 LOOK_S = 0.5  # between looks at the goal itself: the client may not have been told of an answer that came at once
 STATES = ("pending", "active", "preempted", "succeeded", "aborted", "rejected", "preempting", "recalling", "recalled", "lost")
 """By the numbers of actionlib_msgs/GoalStatus."""
@@ -24,7 +23,8 @@ def send_goal(server: str, action: Any, goal: Any, timeout_s: float) -> tuple[st
     import rospy
 
     client = actionlib.SimpleActionClient(server, action)
-    if not client.wait_for_server(rospy.Duration.from_sec(SERVER_WAIT_S)):
+    # A server may not be there yet.
+    if not client.wait_for_server(rospy.Duration.from_sec(10.0)):
         raise StepError(f"there is no action server {server}; rostopic list names those that run")
     start_s = time.monotonic()
     client.send_goal(goal)

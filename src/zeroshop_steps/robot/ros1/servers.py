@@ -4,7 +4,7 @@ import threading
 import time
 from typing import Any
 
-from zeroshop_steps.robot.camera import CameraSource
+from zeroshop_steps.robot.goal_camera import CameraSource
 from zeroshop_steps.robot.goals import answer_goal
 from zeroshop_steps.robot.recognizers import Recognizer
 from zeroshop_steps.robot.ros1.messages import ActionMessages

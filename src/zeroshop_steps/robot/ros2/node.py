@@ -6,7 +6,7 @@ rclpy is asked for as little as possible: everything else is shared with ROS 1 a
 import threading
 from typing import Any
 
-from zeroshop_steps.robot.camera import CameraSource
+from zeroshop_steps.robot.goal_camera import CameraSource
 from zeroshop_steps.robot.goals import MessageTypes, answer_goal
 from zeroshop_steps.robot.recognizers import Recognizer
 

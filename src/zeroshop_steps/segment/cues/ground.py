@@ -5,7 +5,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.channels import measure_length, sum_channels
+from zeroshop_steps.geometry.imaging.channels import measure_length, sum_channels
 from zeroshop_steps.segment.ground_picture import GroundPicture, find_in_front
 from zeroshop_steps.segment.scene import Guess, MaskScene
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.segment.scene import Guess, MaskScene
-from zeroshop_steps.segment.voxels import SHARES
+from zeroshop_steps.segment.support_voxels import SHARES
 
 CHANNELS = ("hull", *(f"shown_by_{share:.0%}" for share in SHARES), "other_thing")
 REACH = 0.2  # distance from an outline at which the channels saturate, in square roots of the hull's area

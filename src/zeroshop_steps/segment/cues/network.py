@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.special import logit
 
-from zeroshop_steps.geometry.images import compute_overlap
+from zeroshop_steps.geometry.imaging.images import compute_overlap
 from zeroshop_steps.segment.scene import Guess, MaskScene
 
 CHANNELS = ("network", "network_agrees", "closer_network", "closer_network_agrees", "network_known")

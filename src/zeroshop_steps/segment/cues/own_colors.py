@@ -5,8 +5,8 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from zeroshop_steps.segment.color_model import ColorModel
 from zeroshop_steps.segment.cues import MOST_ODDS
+from zeroshop_steps.segment.cues.color_model import ColorModel
 from zeroshop_steps.segment.scene import Guess, MaskScene
 
 CHANNELS = ("colors",)

@@ -8,7 +8,7 @@ import argparse
 
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.surface.svraster.settings import OPTIONS, VoxelSettings
-from zeroshop_steps.surface.training_options import add_setting_arguments, add_training_arguments, chosen_settings
+from zeroshop_steps.surface.training.training_options import add_setting_arguments, add_training_arguments, chosen_settings
 
 CACHED = Cached(
     inputs=("cameras/images", "cameras/masks", "cameras/confidence", "cameras/sparse", "stereo"),
@@ -39,12 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     from zeroshop_steps.runtime.errors import StepError
-    from zeroshop_steps.surface.initialization import Initialization
+    from zeroshop_steps.surface.rendering.training_views import make_grid_view
     from zeroshop_steps.surface.svraster.initialization import initialize_voxels
     from zeroshop_steps.surface.svraster.train import VoxelTrainer
     from zeroshop_steps.surface.svraster.voxels import Voxels, write_voxels
-    from zeroshop_steps.surface.training_run import PRIMITIVES_MIN, TrainingInputs, train_model
-    from zeroshop_steps.surface.training_views import make_grid_view
+    from zeroshop_steps.surface.training.initialization import Initialization
+    from zeroshop_steps.surface.training.training_run import PRIMITIVES_MIN, TrainingInputs, train_model
 
     settings = VoxelSettings(**chosen_settings(args, OPTIONS))
 

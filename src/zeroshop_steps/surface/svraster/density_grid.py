@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.surface.svraster.kernels.rasterize import DENSITY_SCALE, LINEAR_FROM
 from zeroshop_steps.surface.svraster.octree import CELLS, Octree
-from zeroshop_steps.surface.svraster.rasterize import DENSITY_SCALE, LINEAR_FROM
 
 
 @dataclass(frozen=True)

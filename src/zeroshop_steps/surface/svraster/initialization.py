@@ -4,15 +4,15 @@ import numpy as np
 import torch
 from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter, map_coordinates
 
-from zeroshop_steps.geometry.visual_hull import VisualHull
-from zeroshop_steps.surface.initialization import Initialization, average_colors
-from zeroshop_steps.surface.spherical_harmonics import SH_CONSTANT
+from zeroshop_steps.geometry.observation.visual_hull import VisualHull
+from zeroshop_steps.surface.rendering.spherical_harmonics import SH_CONSTANT
+from zeroshop_steps.surface.rendering.training_views import TrainingView
 from zeroshop_steps.surface.svraster.density_grid import fuse_signed_distances
 from zeroshop_steps.surface.svraster.octree import CELLS, CORNER_OFFSETS, Octree
 from zeroshop_steps.surface.svraster.settings import VoxelSettings
 from zeroshop_steps.surface.svraster.voxels import Voxels
-from zeroshop_steps.surface.trainer import find_depth_targets
-from zeroshop_steps.surface.training_views import TrainingView
+from zeroshop_steps.surface.training.initialization import Initialization, average_colors
+from zeroshop_steps.surface.training.trainer import find_depth_targets
 
 REACH = 0.06
 """Reach of confirmed depths around the surface, in normalized units."""

@@ -7,11 +7,11 @@ depth, ray by ray, and autograd gives the gradients. It is slow, and for tests o
 
 import torch
 
-from zeroshop_steps.surface.spherical_harmonics import spherical_harmonics
+from zeroshop_steps.surface.rendering.spherical_harmonics import spherical_harmonics
+from zeroshop_steps.surface.rendering.tiling import STOP
+from zeroshop_steps.surface.svraster.kernels.project import FLAT
+from zeroshop_steps.surface.svraster.kernels.rasterize import DENSITY_SCALE, LINEAR_FROM, SAMPLES
 from zeroshop_steps.surface.svraster.octree import CORNER_OFFSETS, Octree
-from zeroshop_steps.surface.svraster.project import FLAT
-from zeroshop_steps.surface.svraster.rasterize import DENSITY_SCALE, LINEAR_FROM, SAMPLES
-from zeroshop_steps.surface.tiling import STOP
 
 
 def activate(value: torch.Tensor) -> torch.Tensor:

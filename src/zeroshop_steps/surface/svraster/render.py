@@ -5,9 +5,9 @@ from typing import Any
 
 import torch
 
-from zeroshop_steps.surface.svraster import rasterize
+from zeroshop_steps.surface.svraster.kernels import rasterize
+from zeroshop_steps.surface.svraster.kernels.render_view import RenderView
 from zeroshop_steps.surface.svraster.octree import Octree
-from zeroshop_steps.surface.svraster.render_view import RenderView
 from zeroshop_steps.surface.svraster.renderers import CpuRenderer, Renderer
 
 CPU_RENDERER = CpuRenderer()

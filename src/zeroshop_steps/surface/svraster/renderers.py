@@ -7,12 +7,12 @@ import numba
 import numpy as np
 import torch
 
-from zeroshop_steps.surface.device_arrays import THREADS, blocks_of_threads, choose_kernels, tensor_device, to_kernel
-from zeroshop_steps.surface.device_lists import invert_order, sort_into_groups
-from zeroshop_steps.surface.svraster import project, rasterize, rasterize_backward, tiles
+from zeroshop_steps.surface.rendering.device_arrays import THREADS, blocks_of_threads, choose_kernels, tensor_device, to_kernel
+from zeroshop_steps.surface.rendering.sorted_lists import invert_order, sort_into_groups
+from zeroshop_steps.surface.rendering.tiling import TILE_PX
+from zeroshop_steps.surface.svraster.kernels import project, rasterize, rasterize_backward, tiles
+from zeroshop_steps.surface.svraster.kernels.render_view import RenderView
 from zeroshop_steps.surface.svraster.octree import Octree
-from zeroshop_steps.surface.svraster.render_view import RenderView
-from zeroshop_steps.surface.tiling import TILE_PX
 
 VOXELS_A_BLOCK = 8
 """Of the CUDA kernel that sums gradients: times the width of a row, these are `device_arrays.THREADS`."""
@@ -115,7 +115,7 @@ class CudaRenderer:
     """Rendering on a CUDA device. Parameters, rows, lists, images and gradients are tensors there; one count comes to the host."""
 
     def __init__(self) -> None:
-        from zeroshop_steps.surface.svraster import cuda_kernels, cuda_projection
+        from zeroshop_steps.surface.svraster.kernels import cuda_kernels, cuda_projection
 
         self.device = tensor_device("cuda")
         self._kernels, self._projection = cuda_kernels, cuda_projection

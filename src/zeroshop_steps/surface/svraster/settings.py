@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from zeroshop_steps.surface.training_options import TrainingSettings
+from zeroshop_steps.surface.training.training_options import TrainingSettings
 
 OPTIONS = {
     "lambda_dssim": "share of structural dissimilarity in the photometric loss; the rest is L1",

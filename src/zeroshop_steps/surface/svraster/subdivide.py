@@ -3,9 +3,9 @@
 import numpy as np
 import torch
 
-from zeroshop_steps.surface.optimizer import ResizableAdam
 from zeroshop_steps.surface.svraster.octree import MAX_LEVEL
 from zeroshop_steps.surface.svraster.voxels import Voxels
+from zeroshop_steps.surface.training.optimizer import ResizableAdam
 
 
 class VoxelMeter:

@@ -6,16 +6,16 @@ from typing import Any
 import numpy as np
 import torch
 
-from zeroshop_steps.surface.initialization import Initialization
-from zeroshop_steps.surface.losses import has_normal, image_losses, normal_mismatch, normals_from_depth
+from zeroshop_steps.surface.rendering.training_views import TrainingView
 from zeroshop_steps.surface.svraster.octree import Octree
 from zeroshop_steps.surface.svraster.render import Rendering, RenderView, render
 from zeroshop_steps.surface.svraster.renderers import make_renderer
 from zeroshop_steps.surface.svraster.settings import VoxelSettings
 from zeroshop_steps.surface.svraster.subdivide import VoxelMeter, prune_and_subdivide
 from zeroshop_steps.surface.svraster.voxels import Voxels
-from zeroshop_steps.surface.trainer import Trainer, ViewPyramid
-from zeroshop_steps.surface.training_views import TrainingView
+from zeroshop_steps.surface.training.initialization import Initialization
+from zeroshop_steps.surface.training.losses import has_normal, image_losses, normal_mismatch, normals_from_depth
+from zeroshop_steps.surface.training.trainer import Trainer, ViewPyramid
 
 LEARNING_RATES = {"densities": 0.1, "sh_constant": 0.01, "sh_rest": 0.01 / 20}
 BETAS = (0.9, 0.99)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from zeroshop_steps.geometry.crops import ObjectSphere
+from zeroshop_steps.geometry.cameras.object_crops import ObjectSphere
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
 from zeroshop_steps.surface.svraster.octree import Octree

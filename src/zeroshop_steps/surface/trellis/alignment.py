@@ -9,14 +9,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from zeroshop_steps.bop.similarity_icp import SimilarityRefiner
-from zeroshop_steps.bop.similarity_search import apply_steps, search_similarities, solve_steps
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.crops import fit_object_sphere
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.surface_points import SurfacePoints, sample_surface_points
-from zeroshop_steps.geometry.transforms import compute_scale
-from zeroshop_steps.geometry.visual_hull import VisualHull
+from zeroshop_steps.geometry.alignment.similarity_icp import SimilarityRefiner
+from zeroshop_steps.geometry.alignment.similarity_search import apply_steps, search_similarities, solve_steps
+from zeroshop_steps.geometry.alignment.surface_points import SurfacePoints, sample_surface_points
+from zeroshop_steps.geometry.cameras.object_crops import fit_object_sphere
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.transforms import compute_scale
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.observation.visual_hull import VisualHull
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.surface.trellis.photo_fit import ComparedPhoto, PhotoComparison, PhotoFit, middle_of, shrink_photo
 

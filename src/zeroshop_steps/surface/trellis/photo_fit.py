@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 from scipy.ndimage import binary_erosion, distance_transform_edt
 
-from zeroshop_steps.bop.similarity_icp import similarity_rows
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer, RayHits
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.transforms import compute_scale, shrink_camera, transform_camera, transform_points
+from zeroshop_steps.geometry.alignment.similarity_icp import similarity_rows
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.transforms import compute_scale, shrink_camera, transform_camera, transform_points
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer, RayHits
 
 COMPARED_PX = 240
 """Longer side of the images that are compared."""

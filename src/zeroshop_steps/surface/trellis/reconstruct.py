@@ -11,10 +11,10 @@ import numpy as np
 import torch
 
 from zeroshop_steps.capture.known_height import read_known_height_m
-from zeroshop_steps.geometry.crops import fit_object_sphere
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.geometry.cameras.object_crops import fit_object_sphere
+from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.networks.devices import check_memory, choose_device
 from zeroshop_steps.networks.pretrained import require_model
 from zeroshop_steps.networks.trellis.conditioning import frame_object
@@ -23,7 +23,7 @@ from zeroshop_steps.networks.trellis.generator import Generator, encode_pictures
 from zeroshop_steps.networks.trellis.memory import predict_memory
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import write_json
-from zeroshop_steps.surface.training_views import read_camera_set
+from zeroshop_steps.surface.rendering.training_views import read_camera_set
 from zeroshop_steps.surface.trellis.alignment import PhotoAligner, describe_fit
 from zeroshop_steps.surface.trellis.photo_fit import PhotoFit
 from zeroshop_steps.surface.trellis.uncalibrated import as_generated, choose_likeliest, read_pictures, scale_by_height

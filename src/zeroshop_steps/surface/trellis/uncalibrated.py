@@ -11,11 +11,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import list_images, read_image, read_mask
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.viewpoints import direction_at, look_at
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at
+from zeroshop_steps.geometry.imaging.images import list_images, read_image, read_mask
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.networks.trellis.conditioning import MARGIN, frame_object
 from zeroshop_steps.networks.trellis.flexible_surface import ColoredSurface
 from zeroshop_steps.runtime.errors import StepError

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.support_plane import estimate_up_from_roll
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.support.ground_plane import estimate_up_from_roll
 
 ELEVATION_DEG, APART_DEG = 45.0, 180.0
 

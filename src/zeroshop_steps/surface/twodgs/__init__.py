@@ -7,7 +7,7 @@ figures). During training, checkpoint.pt lies beside them; --resume continues fr
 import argparse
 
 from zeroshop_steps.runtime.cache import Cached
-from zeroshop_steps.surface.training_options import add_setting_arguments, add_training_arguments, chosen_settings
+from zeroshop_steps.surface.training.training_options import add_setting_arguments, add_training_arguments, chosen_settings
 from zeroshop_steps.surface.twodgs.settings import OPTIONS, SurfelSettings
 
 HULL_POINTS = 4000
@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from zeroshop_steps.surface.training_run import train_model
+    from zeroshop_steps.surface.training.training_run import train_model
     from zeroshop_steps.surface.twodgs.surfels import initialize_surfels, write_splat_ply
     from zeroshop_steps.surface.twodgs.train import SurfelTrainer
 

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from zeroshop_steps.surface.optimizer import ResizableAdam
+from zeroshop_steps.surface.training.optimizer import ResizableAdam
 from zeroshop_steps.surface.twodgs.surfels import Surfels, rotation_matrices
 
 SPLIT_SHRINKAGE = 1.6

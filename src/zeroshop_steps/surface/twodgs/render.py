@@ -7,8 +7,8 @@ import numba
 import numpy as np
 import torch
 
-from zeroshop_steps.surface.twodgs import rasterize, surface_depth
-from zeroshop_steps.surface.twodgs.render_view import RenderView
+from zeroshop_steps.surface.twodgs.kernels import rasterize, surface_depth
+from zeroshop_steps.surface.twodgs.kernels.render_view import RenderView
 from zeroshop_steps.surface.twodgs.renderers import CpuRenderer, Renderer
 
 CPU_RENDERER = CpuRenderer()

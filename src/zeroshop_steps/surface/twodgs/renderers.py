@@ -8,11 +8,11 @@ import numba
 import numpy as np
 import torch
 
-from zeroshop_steps.surface.device_arrays import THREADS, blocks_of_threads, choose_kernels, tensor_device, to_kernel
-from zeroshop_steps.surface.tiling import TILE_PX
-from zeroshop_steps.surface.twodgs import project, rasterize, rasterize_backward, tiles
-from zeroshop_steps.surface.twodgs.device_lists import list_slots_by_tile
-from zeroshop_steps.surface.twodgs.render_view import RenderView
+from zeroshop_steps.surface.rendering.device_arrays import THREADS, blocks_of_threads, choose_kernels, tensor_device, to_kernel
+from zeroshop_steps.surface.rendering.tiling import TILE_PX
+from zeroshop_steps.surface.twodgs.kernels import project, rasterize, rasterize_backward, tiles
+from zeroshop_steps.surface.twodgs.kernels.device_lists import list_slots_by_tile
+from zeroshop_steps.surface.twodgs.kernels.render_view import RenderView
 
 SPLATS_A_BLOCK = 8
 """Of the CUDA kernel that sums gradients: times the width of a row, these are `THREADS`."""
@@ -105,7 +105,7 @@ class CudaRenderer:
     """Rendering on a CUDA device. Parameters, splats, lists, images and gradients are tensors there; two counts come to the host."""
 
     def __init__(self) -> None:
-        from zeroshop_steps.surface.twodgs import cuda_kernels, cuda_projection
+        from zeroshop_steps.surface.twodgs.kernels import cuda_kernels, cuda_projection
 
         self.device = tensor_device("cuda")
         self._kernels, self._projection = cuda_kernels, cuda_projection

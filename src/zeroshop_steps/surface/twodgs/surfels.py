@@ -7,11 +7,11 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.geometry.crops import ObjectSphere
+from zeroshop_steps.geometry.cameras.object_crops import ObjectSphere
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
-from zeroshop_steps.surface.initialization import Initialization
-from zeroshop_steps.surface.spherical_harmonics import SH_CONSTANT
+from zeroshop_steps.surface.rendering.spherical_harmonics import SH_CONSTANT
+from zeroshop_steps.surface.training.initialization import Initialization
 
 SH_COEFFICIENTS = 16
 INITIAL_OPACITY = 0.1

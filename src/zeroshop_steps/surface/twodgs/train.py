@@ -5,10 +5,10 @@ from typing import Any
 
 import torch
 
-from zeroshop_steps.surface.initialization import Initialization
-from zeroshop_steps.surface.losses import image_losses, normal_mismatch, normals_from_depth
-from zeroshop_steps.surface.trainer import Trainer, ViewPyramid
-from zeroshop_steps.surface.training_views import TrainingView
+from zeroshop_steps.surface.rendering.training_views import TrainingView
+from zeroshop_steps.surface.training.initialization import Initialization
+from zeroshop_steps.surface.training.losses import image_losses, normal_mismatch, normals_from_depth
+from zeroshop_steps.surface.training.trainer import Trainer, ViewPyramid
 from zeroshop_steps.surface.twodgs.densify import GradientMeter, densify_and_prune, reset_opacity
 from zeroshop_steps.surface.twodgs.render import Rendering, RenderView, render
 from zeroshop_steps.surface.twodgs.renderers import make_renderer

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import pdist
 
-from zeroshop_steps.geometry.mesh_repair import find_triangles
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.synthetic.products.atlas import Panel, map_to_texture, pack_panels, print_texture
+from zeroshop_steps.geometry.meshes.mesh_repair import find_triangles
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.synthetic.products.panels import Panel, map_to_texture, pack_panels, print_texture
 from zeroshop_steps.synthetic.products.solids import Solid
 
 TEXTURE_PX = 2048

@@ -7,19 +7,17 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.synthetic.products.atlas import Panel
 from zeroshop_steps.synthetic.products.canvas import Canvas, parse_color
+from zeroshop_steps.synthetic.products.panels import Panel
 from zeroshop_steps.synthetic.products.profiles import arc_length, round_polyline
 from zeroshop_steps.synthetic.products.solids import ProfileBand, Solid, revolve, sweep_rod, transform_solid
 
 Point = tuple[float, float, float]
-RINGS = 28  # of an ellipsoid
-OCTAVES = 5  # of the mottling
 
 
 def make_ellipsoid(centre: Point, half_axes: Point, panel: str, side_mm: float, turn_deg: Point = (0.0, 0.0, 0.0)) -> Solid:
     """An ellipsoid, mm, turned about x, y and z in this order; its print covers the whole panel, which is `side_mm` wide and high."""
-    angle = np.linspace(-np.pi / 2, np.pi / 2, RINGS)
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 28)
     profile = np.column_stack([np.cos(angle), np.sin(angle)])
     profile[[0, -1], 0] = 0.0
     [patch] = revolve([ProfileBand(profile, panel)], {panel: side_mm}, segments=48)
@@ -56,7 +54,7 @@ def make_mottled_panel(
         rng = np.random.default_rng(seed)
         height, width = canvas.pixels.shape[:2]
         light: np.ndarray = np.zeros((height, width), np.float32)
-        for octave in range(OCTAVES):
+        for octave in range(5):
             grid = rng.normal(size=(6 * 2**octave, 6 * 2**octave)).astype(np.float32)
             light += np.asarray(cv2.resize(grid, (width, height), interpolation=cv2.INTER_CUBIC)) / 2**octave
         pixels = parse_color(colour) * (1.0 + contrast * light / light.std() / 2)[..., None]

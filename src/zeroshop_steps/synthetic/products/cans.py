@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 
 from zeroshop_steps.synthetic.products.assemble import Product
-from zeroshop_steps.synthetic.products.atlas import Panel, make_plain_panel
 from zeroshop_steps.synthetic.products.canvas import Canvas, LinearGradient, RadialGradient
 from zeroshop_steps.synthetic.products.illustrations import (
     draw_citrus_slice,
@@ -15,6 +14,7 @@ from zeroshop_steps.synthetic.products.illustrations import (
     draw_tomato_slice,
     draw_waves,
 )
+from zeroshop_steps.synthetic.products.panels import Panel, make_plain_panel
 from zeroshop_steps.synthetic.products.printing import draw_badge, draw_barcode, draw_nutrition_table, draw_paragraph, draw_recycling_mark
 from zeroshop_steps.synthetic.products.profiles import arc_length, round_polyline
 from zeroshop_steps.synthetic.products.solids import ProfileBand, Solid, extrude, revolve, transform_solid

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 
 from zeroshop_steps.synthetic.products.assemble import Product
-from zeroshop_steps.synthetic.products.atlas import Panel
 from zeroshop_steps.synthetic.products.canvas import Canvas, LinearGradient, RadialGradient
 from zeroshop_steps.synthetic.products.illustrations import draw_cracker, draw_jelly, draw_leaf, draw_raspberry, draw_wheat
+from zeroshop_steps.synthetic.products.panels import Panel
 from zeroshop_steps.synthetic.products.printing import draw_badge, draw_barcode, draw_nutrition_table, draw_paragraph, draw_recycling_mark
 from zeroshop_steps.synthetic.products.solids import make_rounded_box
 

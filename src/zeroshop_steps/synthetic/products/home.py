@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from zeroshop_steps.synthetic.products.assemble import Product
-from zeroshop_steps.synthetic.products.atlas import Panel
 from zeroshop_steps.synthetic.products.bodies import make_ellipsoid, make_mottled_panel, make_rod, make_turned
 from zeroshop_steps.synthetic.products.canvas import Canvas
 from zeroshop_steps.synthetic.products.illustrations import draw_leaf
+from zeroshop_steps.synthetic.products.panels import Panel
 from zeroshop_steps.synthetic.products.solids import make_rounded_box, transform_solid
 
 SIDE_MM = 80.0  # of the panels

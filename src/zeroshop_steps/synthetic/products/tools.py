@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from zeroshop_steps.synthetic.products.assemble import Product
-from zeroshop_steps.synthetic.products.atlas import Panel, make_plain_panel
 from zeroshop_steps.synthetic.products.canvas import Canvas, LinearGradient, rotate_points
+from zeroshop_steps.synthetic.products.panels import Panel, make_plain_panel
 from zeroshop_steps.synthetic.products.printing import draw_barcode, draw_paragraph, draw_recycling_mark
 from zeroshop_steps.synthetic.products.profiles import arc_length, round_polyline
 from zeroshop_steps.synthetic.products.solids import ProfileBand, Solid, extrude, revolve, sweep_rod

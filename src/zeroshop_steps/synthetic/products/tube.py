@@ -3,16 +3,15 @@
 import numpy as np
 
 from zeroshop_steps.synthetic.products.assemble import Product
-from zeroshop_steps.synthetic.products.atlas import Panel, make_plain_panel
 from zeroshop_steps.synthetic.products.canvas import Canvas, LinearGradient, RadialGradient
 from zeroshop_steps.synthetic.products.illustrations import draw_leaf
+from zeroshop_steps.synthetic.products.panels import Panel, make_plain_panel
 from zeroshop_steps.synthetic.products.printing import draw_badge, draw_barcode, draw_paragraph, draw_recycling_mark
 from zeroshop_steps.synthetic.products.profiles import arc_length, round_polyline
 from zeroshop_steps.synthetic.products.solids import ProfileBand, revolve
 
 RADIUS_MM = 19.0
 ROUND_Z_MM, CRIMP_Z_MM, TOP_Z_MM = 34.0, 150.0, 162.0
-CRIMP_HALF_MM = 0.7
 
 
 def toothpaste_tube() -> Product:
@@ -49,7 +48,7 @@ def _section(radius: float, z: float) -> tuple[float, float, float]:
     t = np.clip((z - ROUND_Z_MM) / (CRIMP_Z_MM - ROUND_Z_MM), 0, 1)
     if t == 0:
         return radius, radius, 2.0
-    half_x = RADIUS_MM + (CRIMP_HALF_MM - RADIUS_MM) * float(t) ** 1.15
+    half_x = RADIUS_MM + (0.7 - RADIUS_MM) * float(t) ** 1.15
     low, high = RADIUS_MM, 1.6 * RADIUS_MM
     for _ in range(50):
         half_y = (low + high) / 2

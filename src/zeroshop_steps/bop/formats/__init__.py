@@ -1,0 +1,1 @@
+"""BOP's files: models, scenes, targets, detections and estimated poses, checked against schemas."""

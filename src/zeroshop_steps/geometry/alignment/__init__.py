@@ -1,0 +1,1 @@
+"""Alignment of surfaces: sampled points, distances, and iterated closest points (ICP) with scale."""

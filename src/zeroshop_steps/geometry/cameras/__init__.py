@@ -1,0 +1,1 @@
+"""Pinhole cameras and COLMAP's models on disk, transforms, viewpoints, and the registered views of an object."""

@@ -1,0 +1,207 @@
+"""Meshes that users have: PLY, and through trimesh OBJ, glTF, STL and OFF."""
+
+import io
+import json
+import logging
+import re
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.geometry.meshes.ply_surface import find_beside, find_textures, read_ply
+from zeroshop_steps.geometry.meshes.surface_parts import SurfacePart, join_parts, with_texture
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
+from zeroshop_steps.geometry.meshes.units import MM_PER_M
+from zeroshop_steps.runtime.errors import StepError, warn
+
+GLTF = (".glb", ".gltf")
+SUFFIXES = (".ply", ".obj", *GLTF, ".stl", ".off")
+"""Formats, the preferred one first."""
+READABLE = ("KHR_materials_", "KHR_lights_", "KHR_xmp", "KHR_texture_basisu", "EXT_texture_webp", "KHR_draco_mesh_compression")
+"""Extensions of glTF that may be in a file, as long as it does not require them: they change no shape, or have a substitute."""
+TEXTURE_OPTIONS = re.compile(r"(-(clamp|blend[uv]|cc) (on|off) +|-(bm|boost|texres|imfchan) \S+ +|-s( 1(\.0*)?)+ +|-[ot]( 0(\.0*)?)+ +)+")
+"""Options of a texture in MTL that leave it where it is; with others, such as a scale, its line names no file."""
+LARGEST_M = 3.0
+"""OBJ has no unit and glTF is in metres, but both are often in millimetres: what measures less than 3 across is in metres."""
+
+
+def read_mesh(path: Path) -> Mesh:
+    """Read a mesh of any format in `SUFFIXES` in the file's own frame; OBJ and glTF in metres become millimetres, with a warning.
+
+    Raises:
+        StepError: the mesh is missing, damaged, compressed or of another format, or names files outside its folder.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix == ".ply":
+        return _tell_untextured(path, read_ply(path))
+    if suffix not in SUFFIXES:
+        raise StepError(f"mesh {path} is of no format that is read: {', '.join(SUFFIXES)}; export it as PLY")
+    if not path.is_file():
+        raise StepError(f"mesh {path} does not exist; check the path, or run the step that writes it")
+    if suffix in GLTF:
+        _check_gltf(path)
+    try:
+        mesh = _tell_untextured(path, join_parts(_read_parts(path)))
+    except StepError:
+        raise
+    except Exception as error:
+        raise StepError(f"mesh {path} cannot be read as {suffix[1:].upper()} ({error}); export it again, or as PLY") from None
+    diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    if suffix in (".obj", *GLTF) and diagonal < LARGEST_M:
+        warn(f"mesh {path} measures {diagonal:.3g} across, which is taken for metres; a PLY is taken for millimetres")
+        mesh = replace(mesh, vertices=mesh.vertices * MM_PER_M)
+    return mesh
+
+
+def find_mesh(stem: Path) -> Path | None:
+    """The mesh of this path without its suffix, in the first of `SUFFIXES` that is there; None if there is none."""
+    files = [path for path in stem.parent.glob("*") if path.stem == stem.name and path.suffix.lower() in SUFFIXES and path.is_file()]
+    return min(files, key=lambda path: (SUFFIXES.index(path.suffix.lower()), path.name), default=None)
+
+
+def list_mesh_files(path: Path) -> list[Path]:
+    """The files of a mesh whose change changes it: itself, and its textures or material beside it."""
+    if path.suffix.lower() == ".ply":
+        return [path, *find_textures(path)]
+    return [path, *(beside for beside in [path.with_suffix(".mtl")] if beside.is_file())]
+
+
+def write_copy(source: Path, mesh: Mesh, folder: Path) -> None:
+    """Write a mesh that was read from a file, and perhaps moved, as model.ply with a texture: a PLY's only image as it is, else a PNG."""
+    images = find_textures(source) if source.suffix.lower() == ".ply" and mesh.is_textured else []
+    mesh = with_texture(mesh)
+    target = folder / f"model{images[0].suffix.lower() if len(images) == 1 else '.png'}"
+    if len(images) == 1:
+        shutil.copyfile(images[0], target)
+    else:
+        write_image(target, mesh.texture_image)
+    write_ply(folder / "model.ply", mesh, target.name)
+
+
+def _tell_untextured(path: Path, mesh: Mesh) -> Mesh:
+    if mesh.uv is not None and not mesh.is_colored:
+        how = "its header needs a line such as comment TextureFile NAME.png"
+        if path.suffix.lower() != ".ply":
+            how = "its lines mtllib and usemtl must name a material that has an image"
+        warn(f"mesh {path} has texture coordinates, but no image for them, and is used without colour; {how}")
+    return mesh
+
+
+def _read_parts(path: Path) -> list[SurfacePart]:
+    """The parts of all materials, placed in the scene. Raises StepError where there is no face, or a file cannot be used."""
+    import trimesh
+
+    files = _FolderFiles(path)
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # what matters of its complaints is raised here
+    with path.open("rb") as content:
+        scene = trimesh.load_scene(content, file_type=path.suffix[1:].lower(), resolver=files, process=False, group_material=True)
+    if files.refused:
+        raise files.refused[0]
+    parts = [_to_part(one) for one in scene.dump() if isinstance(one, trimesh.Trimesh) and len(one.faces)]
+    if not parts:
+        raise StepError(f"mesh {path} has no faces; a surface is needed: export it again, or make a surface of its points")
+    if not all(np.isfinite(part.surface.vertices).all() for part in parts):
+        raise StepError(f"mesh {path} is damaged: it has vertices that are not finite; export it again")
+    return parts
+
+
+class _FolderFiles(Mapping):
+    """What a mesh names, for trimesh; nothing outside the mesh's folder."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.refused: list[StepError] = []
+
+    def __iter__(self) -> Iterator[str]:
+        return (one.name for one in self.path.parent.iterdir())
+
+    def __len__(self) -> int:
+        return len(list(self.path.parent.iterdir()))
+
+    def __getitem__(self, name: str) -> bytes:
+        """The content of a file. Notes an error, because trimesh ignores it, where it may not be read or is not there."""
+        from urllib.parse import unquote
+
+        try:
+            text = TEXTURE_OPTIONS.sub("", str(name).strip())
+            found = find_beside(self.path, text, "the file")
+            if not found.is_file() and self.path.suffix.lower() in GLTF:
+                found = find_beside(self.path, unquote(text), "the file")
+            if not found.is_file():
+                raise StepError(f"mesh {self.path} names {text}, but {found} does not exist; put it there, or remove that line")
+            content = found.read_bytes()
+            if found.suffix.lower() not in (".mtl", ".bin"):
+                _check_texture(self.path, found, content)
+        except StepError as error:
+            self.refused.append(error)
+            raise
+        return content
+
+
+def _check_texture(path: Path, texture: Path, content: bytes) -> None:
+    """Raise StepError where a texture cannot be read, without which trimesh would go on."""
+    from PIL import Image
+
+    try:
+        Image.open(io.BytesIO(content)).load()
+    except (OSError, SyntaxError, ValueError):
+        raise StepError(f"texture {texture} of mesh {path} is empty, damaged or no image; export it as PNG or JPEG") from None
+
+
+def _to_part(loaded: Any) -> SurfacePart:
+    """A trimesh with its texture, or with the colours of its material, vertices or faces."""
+    from trimesh.visual.material import SimpleMaterial
+
+    surface = Mesh(np.asarray(loaded.vertices, float), np.asarray(loaded.faces, np.int64))
+    visual = loaded.visual
+    if visual.kind == "face":
+        return SurfacePart(surface, face_colors=np.asarray(visual.face_colors)[:, :3])
+    if visual.kind == "vertex":
+        return SurfacePart(replace(surface, colors=np.asarray(visual.vertex_colors)[:, :3]))
+    if visual.kind != "texture":
+        return SurfacePart(surface)
+    material = visual.material
+    if isinstance(material, SimpleMaterial) and material.image is not None and not material.image.format:
+        # What trimesh makes up for faces whose material is not named, or not there.
+        return SurfacePart(replace(surface, uv=np.asarray(visual.uv, float)[:, :2]))
+    image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    factor = next((found for name in ("baseColorFactor", "diffuse") if (found := getattr(material, name, None)) is not None), None)
+    tint = np.ones(3) if factor is None else np.asarray(factor, float)[:3] / (255.0 if np.asarray(factor).dtype.kind in "iu" else 1.0)
+    if image is not None and visual.uv is not None:
+        texture = np.asarray(image.convert("RGB"))
+        # The diffuse colour of MTL is often left black beside a texture; glTF's factor multiplies it.
+        if hasattr(material, "baseColorTexture") and (tint < 1).any():
+            texture = np.rint(texture * tint).astype(np.uint8)
+        return SurfacePart(replace(surface, uv=np.asarray(visual.uv, float)[:, :2], texture=texture))
+    colors = visual.vertex_attributes.get("color") if hasattr(visual, "vertex_attributes") else None
+    if colors is None:
+        colors = np.tile(np.rint(255 * tint), (len(surface.vertices), 1))
+    return SurfacePart(replace(surface, colors=np.asarray(colors)[:, :3].astype(np.uint8)))
+
+
+def _check_gltf(path: Path) -> None:
+    """Raise StepError where a glTF needs an extension that is not read here, such as a compression."""
+    content = path.read_bytes()
+    if content[:4] == b"glTF":
+        content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
+    try:
+        facts = json.loads(content)
+        required, used = (facts.get(key, []) for key in ("extensionsRequired", "extensionsUsed"))
+        sources = [texture.get("source") for texture in facts.get("textures", [])]
+    except (ValueError, AttributeError) as error:
+        raise StepError(f"mesh {path} cannot be read as glTF ({error}); export it again, or as PLY") from None
+    lacking = [name for name in required if not name.startswith(READABLE[0])]
+    lacking += [name for name in used if not name.startswith(READABLE) and name not in lacking]
+    if None in sources:
+        lacking += [name for name in used if name.endswith("basisu") and name not in lacking]
+    if lacking:
+        raise StepError(
+            f"mesh {path} uses {', '.join(lacking)}, which is not read here; export it without compression and with PNG or JPEG"
+            " textures (Blender: import it, and export glTF with these options off), or as PLY"
+        )

@@ -1,0 +1,213 @@
+"""The surface in a PLY file of any program: polygons, texture coordinates at vertices or corners, several textures, colours."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path, PurePosixPath, PureWindowsPath
+
+import numpy as np
+
+from zeroshop_steps.geometry.imaging.images import read_image
+from zeroshop_steps.geometry.meshes.ply_tables import Element, Lists, PlyTables, read_ply_tables, read_remarks
+from zeroshop_steps.geometry.meshes.surface_parts import SurfacePart, join_parts
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.runtime.errors import StepError, warn
+
+CORNERS = ("vertex_indices", "vertex_index")
+TEXTURE_COORDINATES = (("texture_u", "texture_v"), ("s", "t"), ("u", "v"), ("texture_s", "texture_t"))
+COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
+LARGEST_TEXTURE_COORDINATE = 1e4
+"""Beyond 0 and 1 a texture repeats; so often it never does, and in float32 nothing of the place within the image would be left."""
+TEXTURE_REMARK = re.compile(r"texture_?(?:file|name)\s*[:=]?\s+(.+)", re.IGNORECASE)
+FULL_SCALE = {"B": 1.0, "H": 255 / 65535, "b": 1.0, "h": 1.0, "i": 1.0, "I": 1.0}
+"""Factor from the whole numbers of a colour to 0..255, by the code of their type."""
+
+
+def read_ply(path: Path) -> Mesh:
+    """Read a PLY mesh of any program, and from beside it the textures that its `TextureFile` comments name.
+
+    Polygons become triangles. Vertices are split where corners differ in texture coordinates or faces in colour; several textures become
+    one.
+
+    Raises:
+        StepError: the mesh is missing, damaged or without faces, or a texture is missing or outside the mesh's folder.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise StepError(f"mesh {path} does not exist; check the path, or run the step that writes it")
+    tables = read_ply_tables(path)
+    vertex, face = tables.elements.get("vertex"), tables.elements.get("face")
+    if vertex is None or not {"x", "y", "z"} <= set(vertex.columns):
+        raise StepError(f"mesh {path} has no vertices with x, y and z; export it again")
+    vertices = _stack(vertex.columns, ("x", "y", "z"))
+    assert vertices is not None
+    faces, polygons, corners = _triangles(tables)
+    if not len(faces):
+        raise StepError(
+            f"mesh {path} has {len(vertices)} vertices and {len(faces)} faces; a surface is needed."
+            + (
+                " It is a point cloud: make a surface of it, such as by Screened Poisson in MeshLab."
+                if len(vertices)
+                else " Export it again."
+            )
+        )
+    if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
+        raise StepError(
+            f"mesh {path} is damaged: it has vertices that are not finite, or faces with vertices out of range; export it again"
+        )
+    quality = vertex.columns.get("quality")
+    # Other programs call any scalar quality.
+    known = quality is not None and len(quality) and quality.min() >= 0 and quality.max() <= 1
+    normals = _stack(vertex.columns, ("nx", "ny", "nz"))
+    surface = Mesh(
+        vertices,
+        faces,
+        normals if normals is None or np.isfinite(normals).all() else None,
+        _first_pair(vertex),
+        None,
+        quality.astype(float) if known and quality is not None else None,
+        _colors(vertex),
+    )
+    corner_uv = _corner_coordinates(face, corners) if face is not None and surface.uv is None else None
+    for values in (surface.uv, corner_uv):
+        if values is not None and not (np.abs(values) <= LARGEST_TEXTURE_COORDINATE).all():
+            raise StepError(
+                f"mesh {path} has texture coordinates that are not finite or larger than {LARGEST_TEXTURE_COORDINATE:g};"
+                " 0 to 1 is the image: unwrap it again"
+            )
+    face_colors = _colors(face) if face is not None and polygons is not None else None
+    parts = SurfacePart(surface, corner_uv, None if face_colors is None or polygons is None else face_colors[polygons])
+    textures = find_textures(path, tables.remarks) if surface.uv is not None or corner_uv is not None else []
+    numbers = face.columns.get("texnumber") if face is not None else None
+    if numbers is not None and polygons is not None:
+        numbers = numbers.astype(int)[polygons]
+    try:
+        return join_parts(_by_texture(parts, numbers, textures, path))
+    except ValueError as error:
+        raise StepError(f"mesh {path} cannot be used as it is: {error}") from None
+
+
+def _by_texture(whole: SurfacePart, numbers: np.ndarray | None, textures: list[Path], path: Path) -> list[SurfacePart]:
+    """The part of each texture, and that of faces without one."""
+    if not textures:
+        return [whole]
+    if numbers is None and len(textures) > 1:
+        warn(
+            f"mesh {path} names {len(textures)} textures, but no texnumber says which faces have which; {textures[0].name} is drawn on all"
+        )
+    if numbers is None or (len(textures) == 1 and not (numbers < 0).any()):
+        return [_textured(whole, read_image(textures[0]))]
+    if numbers.max() >= len(textures):
+        raise StepError(
+            f"mesh {path} has faces of texture {numbers.max()}, but names {len(textures)} textures, counted from 0; export it again"
+        )
+    parts = []
+    for number in np.unique(np.maximum(numbers, -1)):
+        faces = np.maximum(numbers, -1) == number
+        corner_uv, colors = (None if values is None else values[faces] for values in (whole.corner_uv, whole.face_colors))
+        part = SurfacePart(replace(whole.surface, faces=whole.surface.faces[faces]), corner_uv, colors)
+        parts.append(_textured(part, read_image(textures[number])) if number >= 0 else part)
+    return parts
+
+
+def _textured(part: SurfacePart, texture: np.ndarray) -> SurfacePart:
+    return SurfacePart(replace(part.surface, texture=texture), part.corner_uv, part.face_colors)
+
+
+def find_textures(path: Path, remarks: tuple[str, ...] | None = None) -> list[Path]:
+    """The images that a PLY names in its `TextureFile` comments, in order.
+
+    Raises:
+        StepError: one is missing, or outside the mesh's folder, which a model from elsewhere could use to have any file read.
+    """
+    found = (TEXTURE_REMARK.fullmatch(remark.strip()) for remark in (read_remarks(path) if remarks is None else remarks))
+    textures = [find_beside(path, match[1].strip().strip("\"'"), "the texture") for match in found if match]
+    for texture in textures:
+        if not texture.is_file():
+            raise StepError(
+                f"mesh {path} names the texture {texture.name}, but {texture} does not exist; put it there, or remove the line TextureFile"
+                " to use the shape alone"
+            )
+    return textures
+
+
+def find_beside(path: Path, name: str, what: str) -> Path:
+    """The file that a mesh names, in its own folder; of a path elsewhere, the file of that name beside the mesh, if there is one.
+
+    Where no name is the same, one that differs in upper and lower case is: Windows, where many meshes come from, tells no difference.
+
+    Raises:
+        StepError: the name leads out of the mesh's folder, and no file of that name is in it.
+    """
+    windows = PureWindowsPath(name)
+    relative = PurePosixPath(*windows.parts) if "\\" in name else PurePosixPath(name)
+    if windows.drive or windows.root or relative.is_absolute() or ".." in relative.parts:
+        if (path.parent / windows.name).is_file():
+            return path.parent / windows.name
+        raise StepError(f"mesh {path} names {what} {name}, which is outside its folder; put the file beside the mesh and name that")
+    found = path.parent / relative
+    alike = [] if found.exists() or not found.parent.is_dir() else sorted(found.parent.iterdir())
+    return next((one for one in alike if one.name.casefold() == found.name.casefold()), found)
+
+
+def _triangles(tables: PlyTables) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+    """(F, 3) faces; (F,) the polygons that they are of, and (F, 3) their corners in these: None of strips."""
+    face = tables.elements.get("face")
+    listed = next((face.lists[name] for name in CORNERS if face is not None and name in face.lists), None)
+    if listed is not None and len(listed.values):
+        polygons, corners = _fan(listed.counts)
+        starts = np.cumsum(listed.counts) - listed.counts
+        return listed.values.astype(np.int64)[starts[polygons][:, None] + corners], polygons, corners
+    strips = tables.elements.get("tristrips")
+    if strips is None:
+        return np.zeros((0, 3), np.int64), None, None
+    found: list[np.ndarray] = []
+    for listed in (strips.lists[name] for name in CORNERS if name in strips.lists):
+        values = listed.values.astype(np.int64)
+        for strip in np.split(values, np.flatnonzero(values < 0)):
+            strip = strip[strip >= 0]
+            if len(strip) >= 3:
+                rows = np.stack([strip[:-2], strip[1:-1], strip[2:]], 1)
+                rows[1::2] = rows[1::2, [1, 0, 2]]
+                found.append(rows[(rows[:, 0] != rows[:, 1]) & (rows[:, 1] != rows[:, 2]) & (rows[:, 0] != rows[:, 2])])
+    return np.concatenate(found) if found else np.zeros((0, 3), np.int64), None, None
+
+
+def _fan(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The (F,) polygons and (F, 3) corners of the triangles that polygons of so many corners are cut into."""
+    triangles = np.maximum(counts - 2, 0)
+    polygons = np.repeat(np.arange(len(counts)), triangles)
+    second = np.arange(len(polygons)) - np.repeat(np.cumsum(triangles) - triangles, triangles) + 1
+    return polygons, np.stack([np.zeros_like(second), second, second + 1], 1)
+
+
+def _corner_coordinates(face: Element, corners: np.ndarray | None) -> np.ndarray | None:
+    """(F, 3, 2) texture coordinates of the triangles' corners, 0 where a polygon has none."""
+    listed: Lists | None = face.lists.get("texcoord")
+    sizes = next((face.lists[name].counts for name in CORNERS if name in face.lists), None)
+    if listed is None or corners is None or sizes is None or not len(listed.values):
+        return None
+    polygons, _ = _fan(sizes)
+    starts, whole = np.cumsum(listed.counts) - listed.counts, listed.counts == 2 * sizes
+    places = np.where(whole[polygons][:, None], starts[polygons][:, None] + 2 * corners, 0)
+    uv = np.stack([listed.values[places], listed.values[places + 1]], 2).astype(float)
+    return np.where(whole[polygons][:, None, None], uv, 0.0)
+
+
+def _stack(columns: Mapping[str, np.ndarray], names: tuple[str, ...]) -> np.ndarray | None:
+    return np.stack([columns[name].astype(float) for name in names], 1) if set(names) <= set(columns) else None
+
+
+def _first_pair(vertex: Element) -> np.ndarray | None:
+    return next((pair for names in TEXTURE_COORDINATES if (pair := _stack(vertex.columns, names)) is not None), None)
+
+
+def _colors(element: Element) -> np.ndarray | None:
+    """(N, 3) uint8 colours of an element's rows; floating ones are 0..1, or 0..255 where one is larger."""
+    for names in COLORS:
+        values = _stack(element.columns, names)
+        if values is not None and len(values):
+            values = np.nan_to_num(values)
+            factor = FULL_SCALE.get(element.code_of(names[0]), 255.0 if values.max() <= 1.0 else 1.0)
+            return np.clip(np.rint(values * factor), 0, 255).astype(np.uint8)
+    return None

@@ -1,0 +1,1 @@
+"""Rasterization of meshes on the processor and on CUDA devices: depth, mask, surface coordinates and colour."""

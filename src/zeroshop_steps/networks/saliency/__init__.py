@@ -1,0 +1,1 @@
+"""Salient-object networks: which there are, running and training one, and the maps that they leave."""

@@ -1,0 +1,1 @@
+"""The thesis's published figures, and which of ours may stand beside each."""

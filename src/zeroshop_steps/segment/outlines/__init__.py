@@ -1,0 +1,1 @@
+"""Cutting masks along edges: graph cut, where exactly an outline lies, and windows around small objects."""

@@ -1,0 +1,153 @@
+"""How likely masks are right, by what can be measured without the truth: one score for every hypothesis.
+
+Masks are right if in the median photo they overlap with the object by `RIGHT_OVERLAP`. The probability is a logistic regression on the
+measures, fitted on hypotheses for many captures, right and wrong ones (benchmarks/fit_masks.py).
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from scipy import ndimage
+from scipy.special import expit
+
+from zeroshop_steps.geometry.imaging.images import compute_overlap
+from zeroshop_steps.segment.mask_hull import Solution
+from zeroshop_steps.segment.quality.mask_quality import MaskQuality
+from zeroshop_steps.segment.scene import MaskScene
+from zeroshop_steps.segment.support import find_clusters
+from zeroshop_steps.segment.support_voxels import VoxelGrid
+
+WEIGHTS = Path(__file__).with_name("score_weights.json")
+RIGHT_OVERLAP = 0.9  # from here on, a mesh lacks no part
+LEAST_CLUSTER = 30  # points; fewer tell nothing about the masks
+AROUND, LINK, LIFTED, PART, FAR = 1.5, 0.12, 0.05, 0.3, 0.15
+"""Shares of the object's size: points so near to its middle, so close to each other and so high above the ground may be its own; the
+share of a cluster in the hull that makes it the object's; and how far from the hull a point is not the object's."""
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Measures of masks, each 0 for perfect ones.
+
+    Attributes:
+        rival: how likely another object is meant (objects.measure_rival).
+        contradiction: of the median mask's area, what the other views' masks contradict.
+        mean_contradiction: the same of the mean mask.
+        faulty: share of the masks that are empty, contradicted or of another size than the others predict.
+        network_difference: 1 less the overlap with what a salient-object network sees, of the median photo; 0 without a network.
+        points_missed: of the sparse points that are connected with those of the object, the share outside its hull.
+        points_contradicted: of the sparse points that masks show, the share that lies elsewhere in space.
+        cut_off: how much of the photo's border the mask covers, of the square root of its area, in the median photo.
+    """
+
+    rival: float
+    contradiction: float
+    mean_contradiction: float
+    faulty: float
+    network_difference: float
+    points_missed: float
+    points_contradicted: float
+    cut_off: float
+
+
+REASONS = {
+    "rival": "another thing is as likely to be meant",
+    "contradiction": "the masks of the photos contradict each other",
+    "mean_contradiction": "the masks of some photos contradict the others",
+    "faulty": "many masks are empty or contradict the others",
+    "network_difference": "the network sees something else than what stands on the ground",
+    "points_missed": "sparse points of the object lie outside the masks",
+    "points_contradicted": "the masks show points of other things",
+    "cut_off": "the object is cut off at the border of most photos",
+}
+
+
+def measure(scene: MaskScene, solution: Solution, qualities: Sequence[MaskQuality], rival: float) -> Measures:
+    """Measure the masks of a solution; `qualities` compare them with their hull, and `rival` is how likely another object is meant."""
+    masks = [mask > 0.5 for mask in solution.masks]
+    difference = 0.0
+    looks = [maps for maps in (scene.saliency, scene.closer_saliency) if maps is not None]
+    if looks:
+        best = [max(compute_overlap(mask, seen > 0.5) for seen in maps) for mask, maps in zip(masks, zip(*looks, strict=True), strict=True)]
+        difference = 1 - float(np.median(best))
+    contradictions = [min(quality.disagreement or 0.0, 1.0) for quality in qualities]
+    return Measures(
+        rival=rival,
+        contradiction=float(np.median(contradictions)),
+        mean_contradiction=float(np.mean(contradictions)),
+        faulty=float(np.mean([quality.fault is not None for quality in qualities])),
+        network_difference=difference,
+        points_missed=_measure_missed(scene, solution),
+        points_contradicted=_measure_contradicted(scene, solution, masks),
+        cut_off=float(np.median([_measure_cut_off(mask, quality) for mask, quality in zip(masks, qualities, strict=True)])),
+    )
+
+
+def _measure_cut_off(mask: np.ndarray, quality: MaskQuality) -> float:
+    return min(2 * sum(mask.shape) * quality.border_share / float(np.sqrt(max(mask.sum(), 1))), 1.0)
+
+
+def _measure_missed(scene: MaskScene, solution: Solution) -> float:
+    """Of the dense clusters of sparse points that the hull has a part of, the share that lies outside of it."""
+    points, support = scene.model.points, solution.guess.support
+    occupied = solution.grid.centres(np.argwhere(solution.occupied))
+    middle, size = occupied.mean(0), float(np.ptp(occupied @ solution.grid.axes.T, axis=0).max())
+    near = np.linalg.norm(points - middle, axis=1) < AROUND * size
+    if support is not None:
+        near &= support.heights(points) > LIFTED * size
+    inside = total = 0
+    for cluster in find_clusters(points[near], LINK * size):
+        within = int(solution.grid.look_up(ndimage.binary_dilation(solution.occupied, iterations=2), cluster).sum())
+        if within > PART * len(cluster):
+            inside, total = inside + within, total + len(cluster)
+    return 1 - inside / total if total >= LEAST_CLUSTER else 0.0
+
+
+def _measure_contradicted(scene: MaskScene, solution: Solution, masks: Sequence[np.ndarray]) -> float:
+    seen, points = scene.model.seen, scene.model.points
+    if seen is None:
+        return 0.0
+    outside = _find_outside(points, solution)
+    shown = wrong = 0
+    for camera, mask, rows_of_points in zip(scene.cameras, masks, seen, strict=True):
+        rows, columns, _, inside = camera.find_pixels(points[rows_of_points])
+        on_mask = mask[rows[inside], columns[inside]]
+        shown += int(on_mask.sum())
+        wrong += int((on_mask & outside[rows_of_points][inside]).sum())
+    return wrong / max(shown, 1)
+
+
+def _find_outside(points: np.ndarray, solution: Solution) -> np.ndarray:
+    """(P,) bool: which (P, 3) points lie far from the hull that the masks were cut with."""
+    assert solution.guess.hull is not None, "masks are cut with a hull"
+    occupied, grid = solution.guess.hull.occupied, solution.grid
+    reach = int(FAR * max(np.ptp(np.argwhere(occupied), axis=0).max(), 1))
+    near = ndimage.distance_transform_edt(~np.pad(occupied, reach + 1)) <= reach
+    padded = VoxelGrid(grid.axes, grid.origin - (reach + 1) * grid.side * grid.axes.sum(0), grid.side, near.shape)
+    return ~padded.look_up(near, points)
+
+
+@dataclass(frozen=True)
+class Score:
+    """The probability that masks are right, and the measure that speaks most against them."""
+
+    probability: float
+    doubt: str
+
+
+@cache
+def _load_weights() -> tuple[dict[str, float], float]:
+    stored = json.loads(WEIGHTS.read_text())
+    return stored["weights"], stored["offset"]
+
+
+def score(measures: Measures) -> Score:
+    """Rate masks by their measures."""
+    weights, offset = _load_weights()
+    against = {name: weights[name] * value for name, value in asdict(measures).items()}
+    probability = float(expit(offset - sum(against.values())))
+    return Score(probability, max(against, key=lambda name: against[name]))

@@ -1,0 +1,1 @@
+"""The simulated world in MuJoCo: its numbers, bodies, the gripper, and lifting."""
