@@ -24,8 +24,6 @@ SIZE_PX = (518, 392)
 """Of the images of 2000 x 1500 px, as VGGT sees them."""
 SAM_BYTES, SAM_ATTENTION_BYTES = 2_564_000_000, 4 * 16 * 64**4
 """Of SAM's weights and of its largest matrix of attention."""
-CARDS_GB = {12: 11.3, 16: 15.2, 24: 23.2, 80: 78.5}
-"""What a card of so many GB has free, less what the desktop and CUDA take."""
 
 
 @dataclass(frozen=True)
@@ -97,16 +95,6 @@ def _regime(name: str) -> dict[str, object]:
 
 def _of_rule(what: str, method: methods.Method) -> Need:
     return Need(what, method.mem_mb / 1e3, method.mem_mb / 1e3)
-
-
-def render_table() -> str:
-    """The needs beside cards of several sizes, as Markdown."""
-    head = ["foreseen, in GB", "needs", *(f"{size} GB card" for size in CARDS_GB)]
-    rows = [head, ["---", "--:", *[":-:"] * len(CARDS_GB)]]
-    for need in foresee():
-        needs = f"{need.least_gb:.1f}" if need.least_gb == need.most_gb else f"{need.least_gb:.1f} to {need.most_gb:.1f}"
-        rows.append([need.what, needs, *(need.on(free) for free in CARDS_GB.values())])
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows) + "\n"
 
 
 def list_missing(root: Path = Path(), find: Callable[[str], object] = importlib.util.find_spec) -> list[str]:
