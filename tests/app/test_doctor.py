@@ -34,6 +34,7 @@ def test_the_command_says_what_a_card_can_run(monkeypatch, capsys):
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
     assert main(["doctor"]) == 0
     told = capsys.readouterr().out
+    assert re.search(r"^needs     VGGT, .* GB\)$", told, re.MULTILINE)
     assert re.search(r"^no card   .*processor", told, re.MULTILINE) and "weights saliency/u2netp.onnx, for finding the object" in told
     monkeypatch.setattr("torch.cuda.is_available", lambda: True)
     monkeypatch.setattr("torch.cuda.mem_get_info", lambda: (8_000_000_000, 12_000_000_000))

@@ -48,6 +48,11 @@ class Need:
             return "no"
         return "yes" if self.most_gb <= self.share * free_gb else "in parts"
 
+    def __str__(self) -> str:
+        """The network and its memory."""
+        most = f" to {self.most_gb:.1f}" if self.most_gb > self.least_gb else ""
+        return f"{self.what} ({self.least_gb:.1f} GB{most})"
+
 
 def foresee() -> list[Need]:
     """The networks of the thesis."""
@@ -119,7 +124,7 @@ def list_missing(root: Path = Path(), find: Callable[[str], object] = importlib.
 
 
 def examine() -> int:
-    """Print what this machine is, what the card can run, and what is missing for learned methods; nothing of that is a fault."""
+    """Print what this machine is, what networks need, what the card can run, and what is missing; nothing of that is a fault."""
     import torch
 
     memory_gb = psutil.virtual_memory().total / 1e9
@@ -132,12 +137,12 @@ def examine() -> int:
     if not torch.cuda.is_available():
         reason = "PyTorch finds no card" if torch.backends.cuda.is_built() else "this build of PyTorch is for the processor alone"
         print(f"no card   {reason}; networks and training run on the processor")
+        print("\n".join(f"needs     {need}" for need in foresee()))
         return 0
     try:
         free, total = (amount / 1e9 for amount in torch.cuda.mem_get_info())
     except RuntimeError as error:
         raise StepError(f"the card does not answer: {str(error).splitlines()[0]}") from error
     print(f"card      {torch.cuda.get_device_name()}: {free:.1f} of {total:.1f} GB free")
-    for need in foresee():
-        print(f"{need.on(free):9} {need.what} ({need.least_gb:.1f} GB{f' to {need.most_gb:.1f}' if need.most_gb > need.least_gb else ''})")
+    print("\n".join(f"{need.on(free):9} {need}" for need in foresee()))
     return 0
