@@ -115,8 +115,12 @@ def _merge_presets(names: Sequence[str]) -> list[str]:
 def _show_defaults(paths: Sequence[tuple[str, ...]], config: Mapping[str, Any]) -> str:
     """The default of the first key, and those of the others where they differ."""
     first, *others = (f"`{_show(find_default(path, config))}`" for path in paths)
-    differing = [f"{default} of `{path[1]}`" for path, default in zip(paths[1:], others, strict=True) if default != first]
-    return f"{first} ({', '.join(differing)})" if differing else first
+    differing: dict[str, list[str]] = {}
+    for path, default in zip(paths[1:], others, strict=True):
+        if default != first:
+            differing.setdefault(default, []).append(f"`{path[1]}`")
+    texts = [f"{default} of {', '.join(names)}" for default, names in differing.items()]
+    return f"{first} ({', '.join(texts)})" if texts else first
 
 
 def read_sources() -> tuple[dict[str, Any], dict[str, Any]]:
