@@ -5,6 +5,7 @@
 # make lint    runs the checks alone: format, types and rules
 # make gpu     adds what a card with CUDA 13 needs, and says what it can run; then: --workflow-profile profiles/gpu
 # make viewer  rebuilds the report's scripts after a change to their sources; needs node and npm
+# make docs    builds the documents as a site, build/site
 # make bench   measures how fast the optimizers' kernels are on this machine
 # All but viewer first set up .venv, if it is missing or older than requirements.lock; PYTHON=... chooses another Python.
 PYTHON ?= python3
@@ -21,7 +22,7 @@ TESTS := OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive $(BIN)/python -m pytest -q --
 # Bytecode is kept even where the environment says not to: each process of the tests and each step would compile all sources again.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: mesh check test faults lint types style bench gpu viewer
+.PHONY: mesh check test faults lint types style bench docs gpu viewer
 .DELETE_ON_ERROR:
 
 mesh: $(READY)
@@ -46,13 +47,16 @@ types: $(READY)
 	$(BIN)/mypy
 
 style: $(READY)
-	$(BIN)/ruff check src tests benchmarks
-	$(BIN)/ruff format --check src tests benchmarks
+	$(BIN)/ruff check src tests benchmarks docs
+	$(BIN)/ruff format --check src tests benchmarks docs
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
 
 bench: $(READY)
 	$(BIN)/python benchmarks/kernels.py
+
+docs: $(READY)
+	$(BIN)/mkdocs build
 
 # onnxruntime and onnxruntime-gpu are one module by two names: the second one takes the place of the first.
 gpu: $(READY) requirements-gpu.lock

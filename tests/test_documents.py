@@ -1,6 +1,9 @@
-"""The documents: no line too long, no link that leads nowhere, no target that Snakemake does not know."""
+"""The documents: short, no link that leads nowhere, no target that Snakemake does not know, no figure but the committed ones."""
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -8,13 +11,16 @@ import pytest
 from helpers.paths import REPOSITORY
 from helpers.running import run_snakemake
 
+sys.path.insert(0, str(REPOSITORY / "benchmarks"))
+from results_tables import PAGE, TABLES, fill  # noqa: E402
+
 MAX_CHARACTERS = 120
 README_LINES = 100
-LINK = re.compile(r"\]\(([^)\s]+)\)")
+MAX_WORDS = 35_000
 COMMAND = re.compile(r"(?:^    |`)snakemake ([^#`\n]*)", re.MULTILINE)
 TARGET = re.compile(r"results/[a-z0-9_./-]+")
 """Without capital letters: those stand for a name of the reader's own."""
-SKIPPED_FOLDERS = {".venv", ".snakemake", ".git", "node_modules", "resources", "results", ".pytest_cache", ".hypothesis"}
+SKIPPED_FOLDERS = {".venv", ".snakemake", ".git", "node_modules", "resources", "results", ".pytest_cache", ".hypothesis", "build"}
 
 
 def documents() -> list[Path]:
@@ -23,24 +29,28 @@ def documents() -> list[Path]:
     return sorted(path for path in found if not SKIPPED_FOLDERS & set(path.relative_to(REPOSITORY).parts))
 
 
-def anchors_of(document: Path) -> set[str]:
-    """The anchors that GitHub gives to the headings of a document."""
-    headings = re.findall(r"^#+ (.*)$", document.read_text(), flags=re.M)
-    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
-
-
 @pytest.mark.parametrize("document", documents(), ids=lambda path: str(path.relative_to(REPOSITORY)))
-def test_a_document_is_well_formed(document):
-    text = document.read_text()
-    long = [number for number, line in enumerate(text.splitlines(), start=1) if len(line) > MAX_CHARACTERS]
+def test_no_line_is_too_long(document):
+    long = [number for number, line in enumerate(document.read_text().splitlines(), start=1) if len(line) > MAX_CHARACTERS]
     assert not long, f"lines of more than {MAX_CHARACTERS} characters: {long}"
-    for link in LINK.findall(text):
-        if link.startswith("http"):
-            continue
-        name, _, anchor = link.partition("#")
-        target = document.parent / name if name else document
-        assert target.exists(), f"{link} leads nowhere"
-        assert not anchor or anchor in anchors_of(target), f"{link}: no such heading"
+
+
+def test_the_site_has_every_document_and_no_broken_link(tmp_path):
+    pytest.importorskip("mkdocs", reason="make installs mkdocs from requirements.lock")
+    words = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--config-file", REPOSITORY / "mkdocs.yml", "--site-dir", tmp_path]
+    run = subprocess.run(words, capture_output=True, text=True, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"})
+    assert run.returncode == 0, run.stderr
+    assert len(list(tmp_path.rglob("index.html"))) == len(documents())
+
+
+def test_all_documents_together_are_short():
+    assert sum(len(document.read_text().split()) for document in documents()) <= MAX_WORDS
+
+
+def test_the_tables_of_results_are_those_of_the_committed_figures():
+    text = PAGE.read_text()
+    assert text.count("<!-- end -->") == len(TABLES)
+    assert fill(text) == text, "run: python benchmarks/results_tables.py"
 
 
 def test_the_readme_is_short():

@@ -4,6 +4,7 @@ The schema is where a key is described: its type, its range or choices, and what
 """
 
 import json
+import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -22,17 +23,17 @@ SHOWN_ITEMS = 3
 """How many items of a default list are shown."""
 HEAD = """# Keys of the config
 
-Every key with its default, what it may be, and what it means. [The manual](README.md#keys) says when to change one.
-This list is made from `workflow/schemas/config.schema.yaml` and `config/config.yaml` by
-`python -m zeroshop_steps.config_manual`. Change those, not this page.
+Every key with its default, what else it may be, and what it means. This list is made from
+`workflow/schemas/config.schema.yaml` and `config/config.yaml` by `python -m zeroshop_steps.config_manual`.
+A star stands for all presets of a method.
 
 """
 
 
 def resolve(node: Mapping[str, Any], schema: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A part of the schema, with what its `$ref` names in place of that."""
+    """A part of the schema, with what its `$ref` names in place of that; a description of its own stays."""
     name = node.get("$ref", "").removeprefix("#/$defs/")
-    return schema["$defs"][name] if name else node
+    return {**schema["$defs"][name], **{key: value for key, value in node.items() if key != "$ref"}} if name else node
 
 
 def list_keys(schema: Mapping[str, Any]) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
@@ -60,26 +61,25 @@ def find_default(path: tuple[str, ...], config: Mapping[str, Any]) -> Any:
 
 
 def describe_allowed(node: Mapping[str, Any], schema: Mapping[str, Any]) -> str:
-    """What a key may be, in words: its choices, or its type and range."""
+    """What a key may be: its choices, its range, or its type."""
     node = resolve(node, schema)
     if "enum" in node:
-        return "one of " + ", ".join(f"`{value}`" for value in node["enum"])
+        return ", ".join(f"`{value}`" for value in node["enum"])
     if "if" in node:
-        return "`all`, or a list with any of" + describe_allowed(node["else"]["items"], schema).removeprefix("one of")
+        return "`all`, or a list of " + describe_allowed(node["else"]["items"], schema)
     types = node["type"] if isinstance(node["type"], list) else [node["type"]]
-    count = {2: " of two numbers", 3: " of three numbers"}.get(node.get("minItems", 0), " of numbers")
-    names = {"string": "text", "integer": "whole number", "array": f"list{count}", "object": "mapping"}
-    words = " or ".join(names.get(str(name), str(name)) for name in types)
     numbers = resolve(node.get("items", {}), schema) if "array" in types else node
     low, high = numbers.get("minimum", numbers.get("exclusiveMinimum")), numbers.get("maximum")
-    if low is None or high is None:
-        return words.replace(count, "")
-    above = "above " if "exclusiveMinimum" in numbers else ""
-    return f"{words}, {above}{low} to {high}"
+    above = ">" if "exclusiveMinimum" in numbers else ""
+    span = f"{above}{low}..{high}" if low is not None and high is not None else ""
+    names = {"string": "text", "object": "mapping", "array": f"list of {span}" if span else "list"}
+    if span:
+        names |= {"integer": span, "number": span}
+    return " or ".join(names.get(str(name), str(name)) for name in types)
 
 
 def render_manual(schema: Mapping[str, Any], config: Mapping[str, Any]) -> str:
-    """The whole Markdown text. What several methods of a stage have alike comes once."""
+    """The whole Markdown text. What several methods of a stage have alike comes once, and so do choices that a description explains."""
     parts: list[str] = []
     room = ""
     alike: dict[tuple[str, ...], list[tuple[str, ...]]] = {}
@@ -90,19 +90,37 @@ def render_manual(schema: Mapping[str, Any], config: Mapping[str, Any]) -> str:
         if paths[0][0] != room:
             room = paths[0][0]
             parts.append(f"\n## {room}\n" if parts else f"## {room}\n")
-        others = ", ".join(f"`{path[1]}`" for path in paths[1:])
-        key = f"`{'.'.join(paths[0])}`" + (f" (also of {others})" if others else "")
-        default = "" if room == "datasets" else f", default {_show_defaults(paths, config)}"
-        line = f"- {key}: {about}. {allowed[0].upper()}{allowed[1:]}{default}."
+        first, *others = _merge_presets([path[1] for path in paths if len(path) > 1]) or [""]
+        key = f"`{'.'.join((room, first, *paths[0][2:]))}`" if first else f"`{room}`"
+        key += f", {', '.join(f'`{name}`' for name in others)}" if others else ""
+        default = "" if room == "datasets" else _show_defaults(paths, config)
+        choices = re.findall("`.+?`", allowed)
+        if choices and all(re.search(rf"\b{choice[1:-1]}\b", about) for choice in choices):
+            known = default
+        elif default in choices:
+            known = ", ".join([default, *(choice for choice in choices if choice != default)])
+        else:
+            known = "; ".join(filter(None, (default, allowed)))
+        line = f"- {key} ({known}): {about}." if known else f"- {key}: {about}."
         parts.append(textwrap.fill(line, LINE_CHARACTERS, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False))
     return HEAD + "\n".join(parts) + "\n"
+
+
+def _merge_presets(names: Sequence[str]) -> list[str]:
+    """Names of methods, those of a method and its presets as one with a star: vggt and vggt_1024 are vggt*."""
+    found = [name for name in names if not any(name.startswith(f"{other}_") for other in names)]
+    return [f"{name}*" if any(other.startswith(f"{name}_") for other in names) else name for name in found]
 
 
 def _show_defaults(paths: Sequence[tuple[str, ...]], config: Mapping[str, Any]) -> str:
     """The default of the first key, and those of the others where they differ."""
     first, *others = (f"`{_show(find_default(path, config))}`" for path in paths)
-    differing = [f"{default} of `{path[1]}`" for path, default in zip(paths[1:], others, strict=True) if default != first]
-    return f"{first} ({', '.join(differing)})" if differing else first
+    differing: dict[str, list[str]] = {}
+    for path, default in zip(paths[1:], others, strict=True):
+        if default != first:
+            differing.setdefault(default, []).append(f"`{path[1]}`")
+    texts = [f"{default} of {', '.join(names)}" for default, names in differing.items()]
+    return f"{first} ({', '.join(texts)})" if texts else first
 
 
 def read_sources() -> tuple[dict[str, Any], dict[str, Any]]:

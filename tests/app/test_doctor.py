@@ -4,20 +4,15 @@ import re
 
 import pytest
 
-from helpers.paths import REPOSITORY
 from zeroshop_steps import methods
 from zeroshop_steps.app.command import main
-from zeroshop_steps.app.doctor import CARDS_GB, Need, foresee, list_missing, render_table
-
-
-def test_the_manual_has_the_table_of_foreseen_memory():
-    text = (REPOSITORY / "config/README.md").read_text()
-    assert render_table() in text, "write it anew: python -c 'from zeroshop_steps.app.doctor import *; print(render_table())'"
+from zeroshop_steps.app.doctor import Need, foresee, list_missing
 
 
 def test_a_card_of_12_gb_holds_every_network_of_the_thesis():
-    assert {need.what: need.on(CARDS_GB[12]) for need in foresee() if need.on(CARDS_GB[12]) == "no"} == {}
-    assert all(need.on(CARDS_GB[80]) == "yes" for need in foresee()) and any(need.on(6) == "no" for need in foresee())
+    free_gb = 11.3  # the desktop and CUDA take the rest
+    assert {need.what: need.on(free_gb) for need in foresee() if need.on(free_gb) != "yes"} == {}
+    assert any(need.on(6) == "no" for need in foresee())
 
 
 @pytest.mark.parametrize(("free_gb", "word"), [(12, "yes"), (9, "in parts"), (6, "no")])
@@ -39,6 +34,7 @@ def test_the_command_says_what_a_card_can_run(monkeypatch, capsys):
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
     assert main(["doctor"]) == 0
     told = capsys.readouterr().out
+    assert re.search(r"^needs     VGGT, .* GB\)$", told, re.MULTILINE)
     assert re.search(r"^no card   .*processor", told, re.MULTILINE) and "weights saliency/u2netp.onnx, for finding the object" in told
     monkeypatch.setattr("torch.cuda.is_available", lambda: True)
     monkeypatch.setattr("torch.cuda.mem_get_info", lambda: (8_000_000_000, 12_000_000_000))

@@ -50,7 +50,7 @@ def report(tmp_path_factory, carton):
     finished_cell(results / "carton", carton)
     failed_cell(results / "carton", "2 of 30 images registered, at least 24 are needed; take more pictures with more overlap")
     half_done_cell(results / "carton")
-    failed_cell(results / "glass", "the reconstruction hangs together but is wrong, or masks are: rays miss by 11.0 px")
+    failed_cell(results / "glass", "the reconstruction is self-consistent but incorrect, or masks are: rays miss by 11.0 px")
     pages = [made_page(results / name, results / "report", "--faces", "500") for name in ("carton", "glass", "later")]
     made_gallery(results / "report", *pages)
     return results / "report"

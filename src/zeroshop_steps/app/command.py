@@ -120,7 +120,7 @@ def check(source: Path) -> int:
     for line in warnings:
         print(f"warning   {line}")
     if not problems:
-        print("ready     a mesh can be tried" if warnings else "ready     nothing speaks against a good mesh")
+        print("ready     a mesh can be tried" if warnings else "ready     no problems found")
     return 1 if problems else 0
 
 

@@ -24,8 +24,6 @@ SIZE_PX = (518, 392)
 """Of the images of 2000 x 1500 px, as VGGT sees them."""
 SAM_BYTES, SAM_ATTENTION_BYTES = 2_564_000_000, 4 * 16 * 64**4
 """Of SAM's weights and of its largest matrix of attention."""
-CARDS_GB = {12: 11.3, 16: 15.2, 24: 23.2, 80: 78.5}
-"""What a card of so many GB has free, less what the desktop and CUDA take."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +47,11 @@ class Need:
         if self.least_gb > self.share * free_gb:
             return "no"
         return "yes" if self.most_gb <= self.share * free_gb else "in parts"
+
+    def __str__(self) -> str:
+        """The network and its memory."""
+        most = f" to {self.most_gb:.1f}" if self.most_gb > self.least_gb else ""
+        return f"{self.what} ({self.least_gb:.1f} GB{most})"
 
 
 def foresee() -> list[Need]:
@@ -99,16 +102,6 @@ def _of_rule(what: str, method: methods.Method) -> Need:
     return Need(what, method.mem_mb / 1e3, method.mem_mb / 1e3)
 
 
-def render_table() -> str:
-    """The needs beside cards of several sizes, as Markdown."""
-    head = ["foreseen, in GB", "needs", *(f"{size} GB card" for size in CARDS_GB)]
-    rows = [head, ["---", "--:", *[":-:"] * len(CARDS_GB)]]
-    for need in foresee():
-        needs = f"{need.least_gb:.1f}" if need.least_gb == need.most_gb else f"{need.least_gb:.1f} to {need.most_gb:.1f}"
-        rows.append([need.what, needs, *(need.on(free) for free in CARDS_GB.values())])
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows) + "\n"
-
-
 def list_missing(root: Path = Path(), find: Callable[[str], object] = importlib.util.find_spec) -> list[str]:
     """What is not installed or not there, and how to get it."""
     found = []
@@ -131,7 +124,7 @@ def list_missing(root: Path = Path(), find: Callable[[str], object] = importlib.
 
 
 def examine() -> int:
-    """Print what this machine is, what the card can run, and what is missing for learned methods; nothing of that is a fault."""
+    """Print what this machine is, what networks need, what the card can run, and what is missing; nothing of that is a fault."""
     import torch
 
     memory_gb = psutil.virtual_memory().total / 1e9
@@ -144,12 +137,12 @@ def examine() -> int:
     if not torch.cuda.is_available():
         reason = "PyTorch finds no card" if torch.backends.cuda.is_built() else "this build of PyTorch is for the processor alone"
         print(f"no card   {reason}; networks and training run on the processor")
+        print("\n".join(f"needs     {need}" for need in foresee()))
         return 0
     try:
         free, total = (amount / 1e9 for amount in torch.cuda.mem_get_info())
     except RuntimeError as error:
         raise StepError(f"the card does not answer: {str(error).splitlines()[0]}") from error
     print(f"card      {torch.cuda.get_device_name()}: {free:.1f} of {total:.1f} GB free")
-    for need in foresee():
-        print(f"{need.on(free):9} {need.what} ({need.least_gb:.1f} GB{f' to {need.most_gb:.1f}' if need.most_gb > need.least_gb else ''})")
+    print("\n".join(f"{need.on(free):9} {need}" for need in foresee()))
     return 0

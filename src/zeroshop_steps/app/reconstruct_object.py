@@ -140,7 +140,7 @@ class Outcome:
             lines = [f"Failed    {line}" for line in find_reason(self.log)]
         lines += describe_advice(self.cell, self.cameras) + describe_warnings(results, start_s)
         lines = [name_photos(line, results) for line in lines]
-        return [*lines, f"Time      {(time.time() - start_s) / 60:.1f} min; everything that was said: {self.log}"]
+        return [*lines, f"Time      {(time.time() - start_s) / 60:.1f} min; full log: {self.log}"]
 
     def make(self, target: Path) -> Path:
         """Make a file or folder of the workflow beside the mesh.
@@ -150,7 +150,7 @@ class Outcome:
         """
         log = self.mesh.parent / "logs" / f"zeroshop_{target.name}.log"
         if not run_workflow(str(target.relative_to(self.folder)), self.folder, self.table, self.cores, log):
-            raise StepError(f"{target} could not be made: {'; '.join(find_reason(log))}; everything that was said: {log}")
+            raise StepError(f"{target} could not be made: {'; '.join(find_reason(log))}; full log: {log}")
         return target
 
     def export(self, kind: str) -> Path:

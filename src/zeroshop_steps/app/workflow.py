@@ -32,7 +32,7 @@ TYPICAL_S = {
 """Seconds of each rule for 25 photos of 1558 x 1039 px on two cores: what the time left is estimated from, scaled to this run."""
 OTHER_S = 3
 MORE_FRAMES = 3
-"""So many times as many frames are taken where those of a film have no sure cameras: sides that look alike lie on each other where few
+"""So many times as many frames are taken where those of a film have no sure cameras: distinct sides are merged where few
 frames show the way from one to the other. A can with two like labels: 31 frames are refused, 52 of 60 are right."""
 LEAST_MORE_FRAMES = 1.5  # times those before; fewer show little that is new
 JOB = re.compile(r"^(?:Job|localrule|checkpoint|Checkpoint) (\d+): (.*)$")

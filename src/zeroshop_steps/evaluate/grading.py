@@ -39,7 +39,7 @@ class GradeMeasure:
         return "none"
 
 
-# The limits were set on the demo mustard bottle and mug, damaged in planned steps (docs/results.md, "Does the grade fall with damage?"),
+# The limits were set on the demo mustard bottle and mug, damaged in planned steps (docs/results.md, "Damage and the grade"),
 # so that the grade falls with the damage; those of silhouettes and displaced surface also allow what a mask that is wrong by a pixel and
 # true surfaces give. Roughness, assumed and guessed surface were fitted on plain shapes and damaged meshes, and what counts as good by
 # truth was made stricter before: no right surface of 212 had normals off by more than 13.3. What

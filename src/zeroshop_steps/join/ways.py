@@ -1,7 +1,7 @@
 """Ways in which a pass may lie to another: similarities that its matched points, or the outlines alone, support.
 
 An object with the same print on two sides has matches that support two ways. All that enough matches support are found, one after the
-other; which of them is right, the pictures decide (`evidence`).
+other; appearance selects the right one (`evidence`).
 """
 
 from dataclasses import dataclass

@@ -118,7 +118,7 @@ def reconstruct(
         The completed record.
 
     Raises:
-        RegistrationFailed: too few images, an inconsistent model, or sides that look alike lie on each other.
+        RegistrationFailed: too few images, an inconsistent model, or distinct sides were merged (duplicate structure).
     """
     count, scratch = len(image_set.images), database.parent
     if by_object:

@@ -57,7 +57,7 @@ def check_config(config: dict[str, Any], schema: Mapping[str, Any]) -> None:
     _read_numbers(config, schema)
     faults = [*_faults(config, schema), *_name_faults(config), *_number_faults(config)]
     if faults:
-        raise StepError("the config has faults:\n  " + "\n  ".join(faults) + "\nEvery key is explained in config/README.md.")
+        raise StepError("the config has faults:\n  " + "\n  ".join(faults) + "\nconfig/KEYS.md describes every key.")
 
 
 def _name_faults(config: Mapping[str, Any]) -> list[str]:

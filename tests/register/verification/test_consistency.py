@@ -107,5 +107,7 @@ def test_an_image_that_few_points_hold_and_many_matches_contradict_is_unsure(poi
 def test_a_lens_that_no_lens_is_blames_no_image():
     evidence = EpipolarSupport(NAMES, np.full((8, 8), 100), np.zeros((8, 8), int))
     weak = (Finding("error", 0.4, "c fits a little worse", ("c",)),)
-    report = ConsistencyReport(None, evidence, dict.fromkeys(NAMES, 0.3), weak, Fault("its lens would fold the picture", Inconsistent))
+    report = ConsistencyReport(
+        None, evidence, dict.fromkeys(NAMES, 0.3), weak, Fault("the distortion of its lens is not invertible", Inconsistent)
+    )
     assert report.is_doubtful and report.culprits == ()

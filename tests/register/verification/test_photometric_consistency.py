@@ -80,7 +80,11 @@ def test_sides_that_look_alike_are_refused_where_no_views_are_near(views):
     folded = fold(read_views(views)[0][::3], 22.5)
     assert check_photometric_consistency(folded, wide=False).entries == {"compared_neighbours": 0, "disagreeing": []}, "not near"
     verdict = judge(check_photometric_consistency(folded).findings)
-    assert verdict.wrong > MOST_DOUBT and verdict.kind is DuplicateStructure and "sides that look alike lie on each other" in verdict.reason
+    assert (
+        verdict.wrong > MOST_DOUBT
+        and verdict.kind is DuplicateStructure
+        and "distinct sides were merged (duplicate structure)" in verdict.reason
+    )
 
 
 def test_where_nothing_can_be_compared_a_warning_says_so(views):

@@ -50,7 +50,7 @@ def test_wrong_cameras_are_refused(tmp_path):
     masks = write_ball_scene(tmp_path)
     bent = [shifted(camera, 0.15 * np.cos(index * 2.0)) for index, camera in enumerate(ball_cameras())]
     write_cameras(tmp_path / "sparse", bent)
-    with pytest.raises(RegistrationFailed, match="wrong, or masks are: .* px or more .of 1000"):
+    with pytest.raises(RegistrationFailed, match="incorrect, or masks are: .* px or more .of 1000"):
         check_by_predicted_masks(tmp_path, {"registered": 12}, network_of(masks))
 
 

@@ -29,7 +29,7 @@ from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.open3d_loader import o3d
 
 # Lengths in diameters of the mesh. No record says what they were fitted on; tests/evaluate/test_surface_support.py checks them on a cup
-# with and without a lid, and docs/results.md ("Detection and poses") shows what the classes do for poses.
+# with and without a lid.
 NEAR_DIAMETERS = 0.015  # a vertex this close to a confirmed depth is confirmed: 3 mm on an object of 20 cm
 FACING_COSINE = 0.1  # between normal and direction to the camera; a photo sees a vertex within 84 degrees
 EDGE_COSINE = 0.35  # within 20 degrees of edge-on, the surface turns away from the camera

@@ -12,7 +12,7 @@ import pycolmap
 
 from zeroshop_steps.register.features.sift import SiftOptions
 from zeroshop_steps.register.matching.descriptor_matches import match_descriptors
-from zeroshop_steps.runtime.thread_pool import map_in_threads
+from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
 
 PROBES, LEAST_PROBES_MATCHED = 1000, 4
 """Features of the largest scales of each image that are matched first, and their matches: with fewer, a pair is not matched on (preemptive

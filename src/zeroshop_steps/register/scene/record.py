@@ -77,7 +77,7 @@ class Finding:
 
     Attributes:
         measure: which of the verdict's measures it is.
-        strength: 0 for cameras that nothing speaks against; at 1, this alone makes them about as likely wrong as right.
+        strength: 0 for cameras without any problem; at 1, this alone makes them about as likely wrong as right.
         found: the figures, in words for the user.
         images: names of those to blame, if single ones are.
     """

@@ -95,7 +95,7 @@ class SilhouetteAdjustment:
     def measure_contradictions_px(self, misses_px: np.ndarray) -> np.ndarray:
         """(N,) by how much the rays of each view miss the other masks, and those of the others miss its mask, in the mean of a view's rays.
 
-        A mask that shows too much has rays that miss; one that lacks a part is missed by those of others.
+        Oversized masks produce inconsistent rays; a mask that lacks a part is missed by the rays of the others.
 
         Args:
             misses_px: (R,) what `measure_misses_px` says of the cameras as they are.

@@ -159,7 +159,9 @@ def check_consistency(
         findings = (*findings, jump)
     fault = None
     if any(folds(lens) for lens in model.cameras.values()):
-        fault = Fault(f"{WRONG}: its lens would fold the picture, as no lens does, so the points say too little; {SURFACE}", Inconsistent)
+        fault = Fault(
+            f"{WRONG}: the distortion of its lens is not invertible, so the points constrain it too little; {SURFACE}", Inconsistent
+        )
     return ConsistencyReport(coherence, evidence, errors_px, findings, fault, tuple(wrong_masks))
 
 

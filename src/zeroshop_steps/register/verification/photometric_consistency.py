@@ -30,7 +30,7 @@ LEAST_SCORE, SCORE_PER_DEG = 0.92, 0.007
 degrees, 0.85 and more up to 18, for hollow things 0.8; sides that look alike 0.55 to 0.84."""
 WRONG_SHARE = 0.25
 """Of the pairs of neighbours that are judged, this share may disagree: up to 0.05 in right models, 0.5 to 1 in wrong ones. Where few are
-judged, none of them is excused: a tube of which half of the views were taken came out folded, 284 mm off, with two of two that disagree."""
+judged, no outliers are allowed: a tube of which half of the views were taken came out folded, 284 mm off, with two of two that disagree."""
 FEW_COMPARED = 3
 """Pairs of near neighbours: where fewer could be compared in detail, views farther apart are asked."""
 

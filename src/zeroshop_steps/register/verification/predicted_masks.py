@@ -111,7 +111,7 @@ def check_by_predicted_masks(folder: Path, record: dict[str, Any], network: Sali
         The record with the figures of the checks.
 
     Raises:
-        RegistrationFailed: the outlines miss each other, or sides that look alike lie on each other.
+        RegistrationFailed: the outlines miss each other, or distinct sides were merged (duplicate structure).
     """
     views, model = read_views(folder)[0], read_reconstruction(folder / "sparse")
     views = views[:: math.ceil(len(views) / CHECKED_VIEWS)]

@@ -22,8 +22,8 @@ WEIGHTS = Path(__file__).with_name("verdict_weights.json")
 MOST_STRENGTH = 3.0  # from here on, a finding is no stronger
 MOST_DOUBT = 0.5  # probability of being wrong from which on cameras are refused
 
-WRONG = "the reconstruction hangs together but is wrong"
-FOLDED = f"{WRONG}: sides that look alike lie on each other"
+WRONG = "the reconstruction is self-consistent but incorrect"
+FOLDED = f"{WRONG}: distinct sides were merged (duplicate structure)"
 SURFACE = "add pictures in between, or put the object on a strongly textured surface"
 FILM = (
     "put the object on a surface with more print, film more slowly, or take more of the film's frames"

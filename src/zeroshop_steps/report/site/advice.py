@@ -37,7 +37,7 @@ BY_FAILURE = (
     ("register", "nearly the same direction", "All photos are from one side: go all around the object."),
     ("register", "images registered", "Too few photos could be registered: put more texture under the object (the printed ground), take "
      "more photos with more overlap, and do not move the object or what lies around it."),
-    ("register", "hangs together but is wrong", "Cameras were found, but they contradict the masks. Often, faces of the object look "
+    ("register", "is self-consistent but incorrect", "Cameras were found, but they contradict the masks. Often, faces of the object look "
      "alike: put strong, uneven texture under it, take more photos in between, and check the "
      "masks."),
     ("register", "masks", "Cameras or masks are wrong: check the masks, and leave out those that are."),

@@ -52,7 +52,7 @@ ROUNDING = 1e-5
 NORMAL_SLANT_MAX = 3.0
 """Random normals lie within the angle of this tangent, about 72 degrees, of the direction to the camera."""
 COSINE_MIN, COSINE_BENT = 0.2, 0.25
-"""A normal whose cosine to the viewing ray is below the first is bent until it is the second."""
+"""Where the cosine between normal and viewing ray is below the first, it is clamped to the second."""
 GRAZING = 1e-6
 """A ray that meets a plane at a lower slope does not meet it."""
 COSINE_OTHER_MIN = 0.05
