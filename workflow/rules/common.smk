@@ -27,8 +27,8 @@ os.environ.update(
     PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]),
     PYTHONPATH=os.pathsep.join([str(PROJECT / "src"), *filter(None, [os.environ.get("PYTHONPATH")])]),
 )
-# Snakemake sets OMP_NUM_THREADS and its kin from the threads of a job; Numba and OpenCV read names of their own. NumPy's matrices are small:
-# further threads of OpenBLAS only wait, and keep cores busy with it.
+# Snakemake sets OMP_NUM_THREADS and its kin from the threads of a job; Numba and OpenCV read names of their own. NumPy's matrices are
+# small: further threads of OpenBLAS only wait, and keep cores busy with it.
 shell.prefix(
     'export NUMBA_NUM_THREADS="$OMP_NUM_THREADS" OPENCV_FOR_THREADS_NUM="$OMP_NUM_THREADS" OPENBLAS_NUM_THREADS=1 PYTHONHASHSEED=0; '
     # A step that was killed (137) or aborted by a library (134, 139) cannot say so itself.

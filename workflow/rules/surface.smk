@@ -1,7 +1,8 @@
 """Surface: train a scene representation on the registered images, then take a raw mesh from it.
 
-Stereo comes first, once for all methods of a registration that read it; the option `initialization: sparse` does without. The rules of a method follow from what its file declares
-(src/zeroshop_steps/methods.py): one that makes the raw mesh at once, or two, with its trained model between them.
+Stereo comes first, once for all methods of a registration that read it; the option `initialization: sparse` does without. The rules of a
+method follow from what its file declares (src/zeroshop_steps/methods.py): one that makes the raw mesh at once, or two, with its trained
+model between them.
 """
 
 import dataclasses

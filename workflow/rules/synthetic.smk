@@ -2,8 +2,8 @@
 
 results/DATASET/OBJECT/model           a shop product made by code, or one of BOP's models
 results/DATASET/OBJECT/SCENE/capture   rendered views of it (su_l, su_h, se; su_b with a printed board), with true cameras
-results/DATASET/OBJECT/film            a film as a phone takes it, photos of the empty scene with a printed board, and the truth; its dataset
-                                       goes the way of a user's own from there on
+results/DATASET/OBJECT/film            a film as a phone takes it, photos of the empty scene with a printed board, and the truth; its
+                                       dataset goes the way of a user's own from there on
 results/DATASET/OBJECT/film_2          another one, for which the object was turned over, where the dataset has two passes
 """
 

@@ -3,18 +3,19 @@
 results/DATASET/OBJECT/SCENE/REGISTRATION/NVS/cell.csv   one cell: its grade and figures, or grade none and the reason
 results/DATASET/OBJECT/cells.csv                         one object: every cell of it
 results/DATASET/tables/SCENE/REGISTRATION/NVS.csv        one column: this cell of every object
-results/DATASET/tables/cameras.csv                    how right the cameras are
-results/DATASET/tables/reconstruction.csv, .md        grades and figures of every cell; its grades as marks
-results/DATASET/tables/height.csv, height.svg         how far a printed board is off (thesis, Tables 4.3 and 4.4, Figure 4.8)
-results/DATASET/tables/masks.csv, film_height.csv     of films: masks frame by frame, heights by the printed board
-results/DATASET/tables/bop.csv, bop.md                detections and poses; bop.json: the settings that they were made with
-results/DATASET/tables/detectors.csv, detectors.md    CNOS and SAM-6D, each with regions by SAM and by FastSAM (thesis, 4.4.1)
-results/DATASET/tables/estimators.csv, estimators.md  FoundationPose beside SAM-6D, regions by SAM (thesis, 4.4.2)
-results/DATASET/tables/robustness.csv, robustness.svg AR of poses from true masks with models that are damaged on purpose
-results/DATASET/tables/grasp.csv, grasp.md            the thesis's Table 4.6 in simulation; for YCB-V also with heights as wrong as published
-results/DATASET/tables/grasp_scenes.csv               the scenes of several things alone
-results/DATASET/tables/grasp_robustness.csv           attempts with true models that are damaged on purpose
-results/DATASET/tables/grasp_scale.svg, grasp_underside.svg   its two plots
+results/DATASET/tables/
+    cameras.csv                         how right the cameras are
+    reconstruction.csv, .md             grades and figures of every cell; its grades as marks
+    height.csv, .svg                    how far a printed board is off (thesis, Tables 4.3 and 4.4, Figure 4.8)
+    masks.csv, film_height.csv          of films: masks frame by frame, heights by the printed board
+    bop.csv, .md, .json                 detections and poses; the settings that they were made with
+    detectors.csv, .md, .json           CNOS and SAM-6D, each with regions by SAM and by FastSAM (thesis, 4.4.1)
+    estimators.csv, .md, .json          FoundationPose beside SAM-6D, regions by SAM (thesis, 4.4.2)
+    robustness.csv, .svg                AR of poses from true masks with models that are damaged on purpose
+    grasp.csv, .md                      the thesis's Table 4.6 in simulation; for YCB-V also with heights as wrong as published
+    grasp_scenes.csv                    the scenes of several things alone
+    grasp_robustness.csv                attempts with true models that are damaged on purpose
+    grasp_scale.svg, _underside.svg     its two plots
 
 A failed cell is a result: a step of a cell that fails leaves a record (`--record-failure`), the steps after it pass it on, and the other
 cells go on. The chosen mesh is never a record: asked for, such a cell ends with the reason.
@@ -30,7 +31,7 @@ def table(file, says, reads, title="", caption="", category="Tables", **more):
     the files by the options that name them, and `beside` those that the step names itself.
     """
     path = Path(file if Path(file).name != file else f"{TABLES}/{file}")
-    row = {"path": str(path), "says": says, "reads": reads, "writes": {}, "beside": [], "dataset": "[^/]+"}
+    row = {"path": str(path), "says": says, "reads": reads, "writes": {}, "beside": [], "dataset": "[^/]+", "mb": 500}
     row |= {"method": "table", "options": plan.root_option, "log": f"{path.parent}/logs/{path.stem}.log"} | more
     return row | ({"path": shown(path, title, caption or path.stem, category)} if title else {})
 
@@ -71,12 +72,14 @@ RULES = {
         "Gathering the camera errors of every registration of {wildcards.dataset}",
         {"measurements": plan.camera_errors},
         "camera errors",
+        mb=1000,
     ),
     "reconstruction_table": table(
         "reconstruction.csv",
         "Gathering the grade and the quality of every cell of {wildcards.dataset}",
         {"measurements": plan.figures_of(plan.cells_of_table)},
         "figures",
+        mb=1000,
     ),
     "reconstruction_marks": table(
         "reconstruction.md",
@@ -93,6 +96,7 @@ RULES = {
         "Gathering how right the masks of {wildcards.dataset} are",
         {"measurements": plan.of_films(f"{RUN}/mask_error.csv")},
         dataset=plan.of_kinds("films"),
+        mb=1000,
     ),
     "height_table": table(
         "height.csv",
@@ -103,6 +107,7 @@ RULES = {
         "Heights",
         method="heights",
         beside=[shown(f"{TABLES}/height.svg", "Figure 4.8", "heights", "Heights"), f"{TABLES}/height.png"],
+        mb=1000,
     ),
     "film_height_table": table(
         "film_height.csv",
@@ -110,6 +115,7 @@ RULES = {
         {"heights": plan.of_films(f"{CELL}/height.json"), "truths": plan.of_films(f"{OBJECT}/film/truth")},
         method="film_heights",
         dataset=plan.of_kinds("films"),
+        mb=1000,
     ),
     "bop_table": scores(
         "bop",
@@ -139,6 +145,7 @@ RULES = {
         method="robustness",
         options="",
         beside=[shown(f"{TABLES}/robustness.svg", "robustness of poses", "robustness"), f"{TABLES}/robustness.png"],
+        mb=1000,
     ),
     "grasp_table": table(
         "grasp.csv",
@@ -166,6 +173,7 @@ RULES = {
             "underside_plot": shown(f"{TABLES}/grasp_underside.svg", "grasps without the underside", "grasp"),
         },
         beside=[f"{TABLES}/grasp_scale.png", f"{TABLES}/grasp_underside.png"],
+        mb=1000,
     ),
 }
 # On a cluster, what takes a second is done where Snakemake runs.
@@ -186,7 +194,7 @@ for name, row in RULES.items():
             dataset=row["dataset"],
         localrule: True
         resources:
-            **needs(1000, 5),
+            **needs(row["mb"], 5),
         params:
             method=row["method"],
             inputs=given(),
