@@ -1,6 +1,7 @@
 """What the rules ask of the package when Snakemake plans: options, captures, methods, cells and tables, without Snakemake."""
 
 import os
+import re
 import time
 from copy import deepcopy
 from types import SimpleNamespace
@@ -14,6 +15,7 @@ from zeroshop_steps.plan import Plan
 from zeroshop_steps.plan.datasets import require_known
 from zeroshop_steps.plan.weights import list_files, list_sets, require_agreed
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.failures import Failure, write_failure
 
 DEFAULTS = yaml.safe_load((REPOSITORY / "config/config.yaml").read_text())
 ROW = dict.fromkeys(("images", "images_2", "images_3", "masks", "cameras", "depth", "marker_images", "prompt", "scene_of"), "") | {
@@ -209,3 +211,41 @@ def test_licences_are_agreed_to_before_the_first_download(make_plan, tmp_path):
     (tmp_path / methods.WEIGHTS_FOLDER / "agreed").mkdir(parents=True)
     (tmp_path / methods.WEIGHTS_FOLDER / "agreed/mast3r.txt").write_text(rows[0].licence)
     assert require_agreed(rows, False, said.append), "agreed to before"
+
+
+def test_a_page_is_made_of_the_chosen_cells_and_made_again_when_others_change(make_plan, tmp_path):
+    mug, own = place(dataset="demo", object="mug"), DEFAULTS["chosen"]["virtual"]
+    plan = make_plan(report={"cells": "chosen"}, tables={"nvs": ["2dgs"]})
+    cell = f"results/demo/mug/{own['scene']}/{own['registration']}/2dgs"
+    assert plan.parts_of_page(mug) == [f"{cell}/cell.csv"] and plan.first_shown(mug) == f"{own['scene']}/{own['registration']}"
+    for folder in (cell, "results/demo/mug/se/truth/2dgs"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "mesh.ply").touch()
+    assert [line.split()[0] for line in plan.other_cells(mug)] == ["results/demo/mug/se/truth/2dgs/mesh.ply"]
+    assert make_plan(report={"cells": "present"}).parts_of_page(mug) == []
+    assert plan.changes_option(REPOSITORY / "config/config.yaml") == "", "what only a page shows is no change"
+
+
+def test_a_mesh_that_records_a_failure_is_told_from_one_that_is_there(make_plan, tmp_path):
+    mesh = tmp_path / "results/photos/cup/video/colmap/2dgs/mesh.ply"
+    mesh.parent.mkdir(parents=True)
+    assert not make_plan().has_failed(place())
+    mesh.write_text("ply\n")
+    assert not make_plan().has_failed(place())
+    write_failure([str(mesh)], Failure("finish.shape", "too few faces"))
+    assert make_plan().has_failed(place())
+
+
+def test_robots_know_true_models_and_delivered_ones_and_of_published_heights_misjudged_ones(make_plan):
+    plan = make_plan(tables={"nvs": ["2dgs"]})
+    assert plan.robots("demo") == ["models", "models_delivered_2dgs"]
+    assert plan.robots("ycbv") == ["models", "models_delivered_2dgs", "models_misjudged_2dgs"]
+    wrong = [path for path in plan.attempts(place(dataset="ycbv")) if "misjudged" in path]
+    assert len(wrong) == len(plan.published_errors("ycbv")) == 8
+    assert plan.aligned_mesh("demo", "mug", "models") == [] and len(plan.aligned_mesh("demo", "mug", "models_delivered_2dgs")) == 1
+
+
+def test_another_name_of_an_object_stands_for_its_files(make_plan):
+    plan = make_plan()
+    assert plan.named_files(place(dataset="ycbv", object="mug"))[0] == "results/ycbv/obj_000014/2dgs.ply"
+    assert re.search(plan.named, "results/ycbv/mug/2dgs.ply") and not re.search(plan.named, "results/demo/mug/2dgs.ply")
