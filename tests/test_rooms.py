@@ -31,6 +31,7 @@ ROOMS = [
     "robot",
     "simulate",
     "report",
+    "plan",
     "app",
 ]
 """In the order of the way of the data. `bop` holds the benchmark's formats and scores, which rendered test scenes are written in."""

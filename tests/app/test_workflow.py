@@ -1,42 +1,35 @@
-"""The progress that is read from Snakemake's report."""
+"""The progress that is told by Snakemake's events."""
 
-import io
+import json
 import os
+import subprocess
+import sys
 
 import pytest
 
+from snakemake_logger_plugin_zeroshop import EVENTS_FD
 from zeroshop_steps.app.summary import find_reason, name_photos
 from zeroshop_steps.app.workflow import Progress, _show
 from zeroshop_steps.runtime.failures import Failure, write_failure
 from zeroshop_steps.runtime.files import write_json
 
-REPORT = """\
-Job stats:
-job              count
--------------  -------
-stereo               1
-train_2dgs           1
-weigh                2
-total                4
-
-Select jobs to execute...
-
-[Sun Nov 22 19:45:22 2026]
-Job 3: Looking for confirmed depths of cup
-Reason: Missing output files
-"""
+EVENTS = [
+    {"planned": {"stereo": 1, "train_2dgs": 1, "weigh": 2}},
+    {"job": 3, "rule": "stereo", "says": "Looking for confirmed depths of cup"},
+]
 
 
 def test_the_share_follows_what_jobs_usually_take():
     progress = Progress()
-    for line in REPORT.splitlines(keepends=True):
-        progress.read(line)
+    for event in EVENTS:
+        progress.read(event)
     assert progress.planned == {"stereo": 1, "train_2dgs": 1, "weigh": 2} and progress.share == 0.0
     assert progress.describe().endswith("Looking for confirmed depths of cup")
-    progress.read("Finished jobid: 3 (Rule: stereo)\n")
+    progress.read({"finished": 3})
     assert progress.share == pytest.approx(16 / (16 + 25 + 2 * 3)) and not progress.running
     for number, rule in enumerate(("train_2dgs", "weigh", "weigh")):
-        progress.read(f"Finished jobid: {number} (Rule: {rule})\n")
+        progress.read({"job": number, "rule": rule, "says": ""})
+        progress.read({"finished": number})
     assert progress.share == 1.0
 
 
@@ -45,15 +38,34 @@ def test_a_step_that_failed_is_said_at_once_and_no_later_stage_seems_to_run(tmp_
     write_failure([f"{tmp_path / 'old'}/"], Failure("register.colmap", "an earlier run"))
     os.utime(tmp_path / "old/failure.json", (0, 0))
 
-    def report():
-        yield from REPORT.splitlines(keepends=True)
+    def events():
+        yield from EVENTS
         write_failure([f"{cameras}/"], Failure("register.auto", "only 3 of 12 images registered"))
-        yield "Finished jobid: 3 (Rule: stereo)\n"
-        yield "Job 4: Training 2dgs on cup\n"
+        yield {"finished": 3}
+        yield {"job": 4, "rule": "train_2dgs", "says": "Training 2dgs on cup"}
 
-    _show(Progress(), report(), io.StringIO(), tmp_path)
+    _show(Progress(), events(), tmp_path)
     shown = capsys.readouterr().err
     assert "register.auto failed; the steps after it only note that" in shown and "Training" not in shown and shown.count("failed") == 1
+
+
+def test_snakemake_finds_the_plugin_and_says_what_it_plans_and_does(tmp_path):
+    (tmp_path / "Snakefile").write_text(
+        'rule bake:\n    output: "cake"\n    message: "Baking {output}"\n    shell: "touch {output}"\n'
+        'rule eat:\n    input: "cake"\n    output: "crumbs"\n    shell: "touch {output}"\n'
+    )
+    events, writable = os.pipe()
+    command = [sys.executable, "-m", "snakemake", "--cores", "1", "--logger", "zeroshop", "--", "crumbs"]
+    run = subprocess.run(
+        command, cwd=tmp_path, pass_fds=[writable], env={**os.environ, EVENTS_FD: str(writable)}, capture_output=True, text=True
+    )
+    os.close(writable)
+    assert run.returncode == 0 and "Baking cake" in run.stderr, "Snakemake's own report stays"
+    with open(events) as lines:
+        planned, bake, baked, eat, eaten = map(json.loads, lines)
+    assert planned == {"planned": {"bake": 1, "eat": 1}}
+    assert (bake["rule"], bake["says"]) == ("bake", "Baking cake") and baked == {"finished": bake["job"]}
+    assert (eat["rule"], eat["says"]) == ("eat", "") and eaten == {"finished": eat["job"]}
 
 
 @pytest.mark.parametrize(

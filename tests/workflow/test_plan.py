@@ -42,7 +42,7 @@ def test_tables_in_another_folder_of_results_are_told_where_paths_begin(snakemak
     run = snakemake("-n", *wanted, "--config", "results=results/mine", *few)
     assert run.returncode == 0, run.stdout
     commands = [line for line in run.stdout.splitlines() if re.search(r"report --method (table|heights|bop) ", line)]
-    assert len(commands) == 3 and all(" --root results/mine --out " in line for line in commands), commands
+    assert len(commands) == 3 and all(" --root results/mine " in line for line in commands), commands
 
 
 def test_the_page_of_the_thesis_is_made_of_what_is_there(snakemake):

@@ -1,62 +1,19 @@
 """BOP: a dataset's models, true and reconstructed, in BOP's layout, and scores of what any method found with them.
 
 results/DATASET/bop/models          the true models; models_NVS: the chosen cells of a method, aligned with them
+results/DATASET/bop/models_delivered_NVS   these meshes as they were made, in their own frames and scales
+results/DATASET/bop/models_misjudged_NVS   the same, each as much too large or small as the height that the thesis published of it
+results/DATASET/bop/models_scaled_plus_5, models_without_underside   true models, damaged on purpose
 results/DATASET/bop/test            virtual test scenes of the true models, or BOP's own where the dataset names its test_folder; beside
                                     them test_targets_bop19.json and camera.json
 results/DATASET/bop/train_SCENE     the rendered captures of all objects in a scene in the layout of a BOP training set
 results/DATASET/bop/NAME/poses.csv  estimates of any method; scores.csv beside it is made of them
 """
 
+from zeroshop_steps.plan.tables import DAMAGES
 
-def true_models_of(
-    wildcards,
-):
-    """The true models of a dataset's objects."""
-    virtual_dataset(wildcards.dataset, "Photos have no true models.")
-    return [f"{RESULTS}/{wildcards.dataset}/{name}/model" for name in objects_of(wildcards.dataset)]
-
-
-def training_captures_of(
-    wildcards,
-):
-    """The captures of a dataset's objects in a scene."""
-    check_virtual_scene(wildcards)
-    return [f"{Path(model).parent}/{wildcards.scene}/capture" for model in true_models_of(wildcards)]
-
-
-def in_chosen_cells(
-    name,
-):
-    """An input function: this file of the chosen cell of each object of a dataset."""
-
-    def files(
-        wildcards,
-    ):
-        usable("nvs method", wildcards.nvs, SURFACES, "The folder is named after the method.")
-        chosen = config["chosen"]["virtual"]
-        cells = cells_of(wildcards.dataset, objects_of(wildcards.dataset), [chosen["scene"]], [chosen["registration"]], [wildcards.nvs])
-        return [f"{CELL}/{name}".format(**cell) for cell in cells]
-
-    return files
-
-
-def has_real_tests(
-    dataset,
-):
-    """Whether a dataset is tested on BOP's own images."""
-    return bool(config["datasets"][dataset].get("test_folder"))
-
-
-def test_folder_option(
-    wildcards,
-):
-    """The option that names a local folder of test scenes; none where they are downloaded."""
-    place = config["datasets"][wildcards.dataset]["test_folder"]
-    return "" if place == "download" else f"--test {shlex.quote(os.path.relpath(ROOT / place))}"
-
-
-# Datasets with test images of their own, as a wildcard constraint.
-WITH_REAL_TESTS = "|".join(filter(has_real_tests, config["datasets"])) or "(?!)"
+WITH_REAL_TESTS = "|".join(filter(plan.has_real_tests, config["datasets"])) or NOTHING
+TEST_SET = {"scenes": directory(f"{BOP}/test"), "targets": f"{BOP}/test_targets_bop19.json", "camera": f"{BOP}/camera.json"}
 
 
 rule align:
@@ -68,13 +25,10 @@ rule align:
         aligned=f"{CELL}/aligned.json",
     log:
         f"{CELL}/logs/align.log",
-    benchmark:
-        f"{CELL}/benchmarks/align.tsv"
     wildcard_constraints:
-        dataset=datasets_of("demo", "bop"),
+        dataset=OF_MODELS,
     resources:
-        mem_mb=per_attempt(2000),
-        runtime=per_attempt(10),
+        **needs(2000, 10),
     params:
         seed=config["seed"],
     message:
@@ -84,70 +38,111 @@ rule align:
         " --seed {params.seed} --out {output.aligned} --record-failure {output} > {log} 2>&1"
 
 
-rule true_models:
-    input:
-        parts=true_models_of,
-    output:
-        models=directory(f"{BOP}/models"),
-    log:
-        f"{BOP}/logs/models.log",
-    benchmark:
-        f"{BOP}/benchmarks/models.tsv"
-    resources:
-        mem_mb=per_attempt(2000),
-        runtime=per_attempt(10),
-    params:
-        frames="",
-    message:
-        "Gathering the true models of {wildcards.dataset}"
-    shell:
-        "python -m zeroshop_steps.bop --method export_models --parts {input.parts} {params.frames} --out {output.models}"
-        f"{RECORDED_FOLDER}"
-        " > {log} 2>&1"
+ALIGNED = {"parts": plan.in_chosen_cells("aligned.json"), "evidence": plan.in_chosen_cells("evidence.npz")}
+OTHER_MODELS = r"(?!scaled_|without_|delivered_|misjudged_)[^/.]+"
+# By rule: the folder, the methods, what it reads, an option and what it says.
+COLLECTED = {
+    "true_models": ("models", "[^/.]+", {"parts": plan.true_models}, "", "Gathering the true models of {wildcards.dataset}"),
+    "reconstructed_models": (
+        "models_{nvs}",
+        OTHER_MODELS,
+        ALIGNED,
+        "",
+        "Gathering the models of {wildcards.dataset} that {wildcards.nvs} made",
+    ),
+    "delivered_models": (
+        "models_delivered_{nvs}",
+        OTHER_MODELS,
+        ALIGNED,
+        "--own-frames",
+        "Gathering the models of {wildcards.dataset} that {wildcards.nvs} made, as a robot gets them",
+    ),
+}
+for name, (folder, surfaces, reads, frames, says) in COLLECTED.items():
+
+    rule:
+        name:
+            name
+        input:
+            **reads,
+        output:
+            models=directory(f"{BOP}/{folder}"),
+        log:
+            f"{BOP}/logs/{folder}.log",
+        wildcard_constraints:
+            nvs=surfaces,
+        resources:
+            **needs(2000, 10),
+        params:
+            frames=frames,
+        message:
+            says
+        shell:
+            "python -m zeroshop_steps.bop --method export_models --parts {input.parts} {params.frames} --out {output.models}"
+            f"{RECORDED_FOLDER}"
+            " > {log} 2>&1"
 
 
-use rule true_models as reconstructed_models with:
-    input:
-        parts=in_chosen_cells("aligned.json"),
-        evidence=in_chosen_cells("evidence.npz"),
-    output:
-        models=directory(f"{BOP}/models_{{nvs}}"),
-    log:
-        f"{BOP}/logs/models_{{nvs}}.log",
-    benchmark:
-        f"{BOP}/benchmarks/models_{{nvs}}.tsv"
-    wildcard_constraints:
-        nvs=r"(?!scaled_|without_|delivered_|misjudged_)[^/.]+",  # other folders of models (robustness.smk, simulate.smk)
-    message:
-        "Gathering the models of {wildcards.dataset} that {wildcards.nvs} made"
+# By rule: the folder of the whole models, that of the damaged ones, an option and what it says.
+DAMAGED = {
+    "damaged_models": (
+        "models",
+        "models_{damage}",
+        lambda wildcards: DAMAGES[wildcards.damage],
+        "Damaging the true models of {wildcards.dataset}: {wildcards.damage}",
+    ),
+    "misjudged_models": (
+        "models_delivered_{nvs}",
+        "models_misjudged_{nvs}",
+        plan.height_errors,
+        "Giving the models of {wildcards.dataset} that {wildcards.nvs} made the errors of the thesis's heights",
+    ),
+}
+for name, (whole, damaged, damage, says) in DAMAGED.items():
+
+    rule:
+        name:
+            name
+        input:
+            models=f"{BOP}/{whole}",
+        output:
+            models=directory(f"{BOP}/{damaged}"),
+        log:
+            f"{BOP}/logs/{damaged}.log",
+        wildcard_constraints:
+            damage="|".join(DAMAGES),
+        resources:
+            **needs(2000, 20),
+        params:
+            damage=damage,
+        message:
+            says
+        shell:
+            "python -m zeroshop_steps.bop --method damage_models --models {input.models} {params.damage} --out {output.models}"
+            f"{RECORDED_FOLDER}"
+            " > {log} 2>&1"
 
 
 rule test_set:
     input:
         models=f"{BOP}/models",
-        environment=environment_of(config["bop"]["test_set"]),
+        environment=TEST_RENDERER.environment or [],
     output:
-        scenes=directory(f"{BOP}/test"),
-        targets=f"{BOP}/test_targets_bop19.json",
-        camera=f"{BOP}/camera.json",
+        **TEST_SET,
     log:
         f"{BOP}/logs/test_set.log",
-    benchmark:
-        f"{BOP}/benchmarks/test_set.tsv"
     wildcard_constraints:
         dataset=rf"(?!(?:{WITH_REAL_TESTS})/)[^/]+",
     threads: 8
     resources:
-        mem_mb=per_attempt(4000),
-        runtime=per_attempt(max(60, renderer_of(config["bop"]["test_set"]).runtime_min)),
+        **needs(4000, max(60, TEST_RENDERER.runtime_min)),
     params:
-        options=step_options(config["bop"]["test_set"]),
-        environment=environment_option,
-        seed=config["seed"],
+        options=step_options({**config["bop"]["test_set"], "seed": config["seed"]}),
+        environment=given("environment"),
     message:
         "Rendering the test set of {wildcards.dataset}"
     shell:
-        "python -m zeroshop_steps.synthetic --method make_test_scenes --models {input.models} {params.options} --seed {params.seed}"
+        "python -m zeroshop_steps.synthetic --method make_test_scenes --models {input.models} {params.options}"
         " --threads {threads} {params.environment} --targets {output.targets} --camera {output.camera} --out {output.scenes} > {log} 2>&1"
 
 
@@ -155,20 +150,15 @@ rule real_test_set:
     input:
         models=f"{BOP}/models",
     output:
-        scenes=directory(f"{BOP}/test"),
-        targets=f"{BOP}/test_targets_bop19.json",
-        camera=f"{BOP}/camera.json",
+        **TEST_SET,
     log:
         f"{BOP}/logs/test_set.log",
-    benchmark:
-        f"{BOP}/benchmarks/test_set.tsv"
     wildcard_constraints:
         dataset=WITH_REAL_TESTS,
     resources:
-        mem_mb=per_attempt(4000),
-        runtime=per_attempt(120),
+        **needs(4000, 120),
     params:
-        test=test_folder_option,
+        test=plan.test_option,
     message:
         "Taking BOP's own test images of {wildcards.dataset}"
     shell:
@@ -178,20 +168,17 @@ rule real_test_set:
 
 rule train_set:
     input:
-        captures=training_captures_of,
-        models=true_models_of,
+        captures=plan.training_captures,
+        models=plan.true_models,
     output:
         scenes=directory(f"{BOP}/train_{{scene}}"),
         camera=f"{BOP}/camera_{{scene}}.json",
     log:
         f"{BOP}/logs/train_{{scene}}.log",
-    benchmark:
-        f"{BOP}/benchmarks/train_{{scene}}.tsv"
     wildcard_constraints:
-        dataset=datasets_of("demo", "bop"),
+        dataset=OF_MODELS,
     resources:
-        mem_mb=per_attempt(2000),
-        runtime=per_attempt(60),
+        **needs(2000, 60),
     message:
         "Gathering the captures of {wildcards.dataset} in scene {wildcards.scene} as a training set"
     shell:
@@ -211,17 +198,15 @@ rule score_poses:
         errors=f"{BOP}/{{estimator}}/errors.csv",
     log:
         f"{BOP}/{{estimator}}/logs/score_poses.log",
-    benchmark:
-        f"{BOP}/{{estimator}}/benchmarks/score_poses.tsv"
     threads: 2
     resources:
-        mem_mb=per_attempt(2000),
-        runtime=per_attempt(30),
+        **needs(2000, 30),
+    params:
+        inputs=given(),
     message:
         "Scoring the poses of {wildcards.estimator} in {wildcards.dataset}"
     shell:
-        "python -m zeroshop_steps.bop --method score_poses --estimates {input.estimates} --targets {input.targets}"
-        " --scenes {input.scenes} --models {input.models} --camera {input.camera} --errors-out {output.errors} --out {output.scores}"
+        "python -m zeroshop_steps.bop --method score_poses {params.inputs} --errors-out {output.errors} --out {output.scores}"
         f"{RECORDED}"
         " > {log} 2>&1"
 
@@ -235,15 +220,13 @@ rule score_detections:
         scores=f"{BOP}/{{estimator}}/precision.csv",
     log:
         f"{BOP}/{{estimator}}/logs/score_detections.log",
-    benchmark:
-        f"{BOP}/{{estimator}}/benchmarks/score_detections.tsv"
     resources:
-        mem_mb=per_attempt(2000),
-        runtime=per_attempt(30),
+        **needs(2000, 30),
+    params:
+        inputs=given(),
     message:
         "Scoring the masks and boxes of {wildcards.estimator} in {wildcards.dataset}"
     shell:
-        "python -m zeroshop_steps.bop --method score_detections --detections {input.detections} --targets {input.targets}"
-        " --scenes {input.scenes} --of masks boxes --out {output.scores}"
+        "python -m zeroshop_steps.bop --method score_detections {params.inputs} --of masks boxes --out {output.scores}"
         f"{RECORDED}"
         " > {log} 2>&1"

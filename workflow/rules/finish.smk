@@ -1,101 +1,40 @@
-"""Finish: a raw mesh becomes a product: clean, textured, in the object frame, in millimetres."""
+"""Finish: a raw mesh becomes a product: clean, textured, in the object frame, in millimetres; that of the chosen cell is published.
 
-from zeroshop_steps.runtime.failures import read_failure
+results/DATASET/OBJECT/NVS.{ply,png,glb,json,preview.png}   the mesh of the chosen cell; DATASET/NAME/NVS.ply links to it, where NAME is
+                                                            another name of the object, such as mustard_bottle for obj_000005 of YCB-V
+A cell of a generative method without cameras (registration none) is finished, all of it is marked as never seen, and it has no grade.
+"""
 
+from zeroshop_steps.plan.datasets import NAMED_FILES
 
-def raw_mesh_of(
-    wildcards,
-):
-    """The mesh that the nvs method of the path makes."""
-    usable("nvs method", wildcards.nvs, SURFACES, "The folder is named after the method.")
-    return f"{CELL}/raw_mesh.ply".format(**wildcards)
-
-
-def proposed_mesh(
-    wildcards,
-):
-    """The generated mesh that proposes what of a measured one no photo saw, where the config wants that."""
-    method = surface_method(wildcards.nvs)
-    if config["finish"]["unseen"] == "smooth" or method is None or method.generated:
-        return []
-    name = next(name for name, other in SURFACES.items() if other.generated)
-    usable("nvs method", name, SURFACES, "finish.unseen: generated needs it.")
-    return [f"{RUN}/{name}/raw_mesh.ply".format(**wildcards)]
-
-
-def generated_mesh(
-    wildcards,
-):
-    """The generated mesh whose colours the texture takes where no photo looks: of the cell itself, or of one that completes its mesh."""
-    method = surface_method(wildcards.nvs)
-    return [f"{CELL}/raw_mesh.ply".format(**wildcards)] if method is not None and method.generated else proposed_mesh(wildcards)
-
-
-def stage_facts(
-    wildcards,
-):
-    """The records of the stages behind a mesh, for its JSON."""
-    method = surface_method(require_known("nvs method", wildcards.nvs, methods.SURFACES, "The folder is named after the method."))
-    stereo = [f"{RUN}/stereo/stereo.json"] if method.stereo else []
-    training = [f"{CELL}/{Path(method.model).parent}/training.json"] if method.model else []
-    steps = ("raw_mesh", "clean", "height", "closed")
-    return [path.format(**wildcards) for path in (*stereo, *training, *(f"{CELL}/{name}.json" for name in steps))]
-
-
-def asked_again(
-    wildcards,
-):
-    """When a run was asked for a mesh that records a failure: a parameter, so that it is tried again and the run ends with the reason."""
-    mesh = f"{CELL}/mesh.ply".format(**wildcards)
-    return STARTED_S if mesh in workflow.dag_settings.targets and read_failure(mesh) else None
-
-
-def chosen_cell(
-    wildcards,
-):
-    """The folder of the cell that the config chooses for an object."""
-    check_object(wildcards)
-    usable("nvs method", wildcards.nvs, SURFACES, "The file is named after the method.")
-    return CELL.format(**wildcards, **chosen_run(wildcards))
-
-
-def in_chosen_cell(
-    *names,
-):
-    """An input function: these files of the chosen cell."""
-    return lambda wildcards: [f"{chosen_cell(wildcards)}/{name}" for name in names]
-
-
-def chosen_quality(
-    wildcards,
-):
-    """The quality of the chosen cell, where there is a truth to measure against and cameras that align the mesh with it."""
-    measured = knows_truth(wildcards.dataset) and chosen_run(wildcards)["registration"] != methods.WITHOUT_CAMERAS
-    return [f"{chosen_cell(wildcards)}/quality.json"] if measured else []
-
-
-def quality_option(
-    wildcards,
-    input,
-):
-    """The option that adds the quality to a JSON, where there is a truth to measure against."""
-    return step_options({"quality": " ".join(input.quality) or None})
+SHAPE = {**config["finish"]["clean"], **{name: config["finish"][name] for name in ("underside", "holes", "hollows")}}
+TEXTURE = {"texture_size": config["finish"]["texture_size_px"]}
+# All texels at most, 41 bytes each, and one photo, beside what CUDA itself takes.
+TEXTURE_MB = 1000 + 41 * config["finish"]["texture_size_px"] ** 2 // 10**6 if config["finish"]["device"] != "cpu" else 0
+FINISHED = {
+    "mesh": f"{CELL}/mesh.ply",
+    "texture": f"{CELL}/mesh.png",
+    "glb": f"{CELL}/mesh.glb",
+    "facts": f"{CELL}/mesh.json",
+}
 
 
 # On a cluster, what takes a second is done where Snakemake runs.
 localrules:
     publish,
+    name_mesh,
+    outcome_without_cameras,
 
 
 rule shape:
     input:
-        mesh=raw_mesh_of,
+        mesh=plan.raw_mesh,
         cameras=f"{RUN}/cameras",
         capture=f"{SCENE}/capture",
-        stereo=confirmed_depths,
-        generated=proposed_mesh,
-        marker_images=extra_photos("marker_images"),
-        depth=extra_photos("depth"),
+        stereo=plan.confirmed_depths,
+        generated=plan.proposed_mesh,
+        marker_images=plan.height_photos("marker_images"),
+        depth=plan.height_photos("depth"),
     output:
         # In the order in which they are written: a failure is recorded in place of the first that is missing.
         cleaned=f"{CELL}/clean.ply",
@@ -106,19 +45,14 @@ rule shape:
         frame=f"{CELL}/frame.json",
     log:
         f"{CELL}/logs/shape.log",
-    benchmark:
-        f"{CELL}/benchmarks/shape.tsv"
     threads: 2
     resources:
-        mem_mb=lambda wildcards, attempt: max(3000, height_needs(wildcards).mem_mb) * attempt,
-        runtime=lambda wildcards, attempt: (20 + height_needs(wildcards).runtime_min) * attempt,
-        gpu=gpu_of("height", height_needs),
-        gpu_mem_mb=gpu_mem_of("height", height_needs),
+        **needs_of("height", plan.height, 3000, lambda wildcards: 20 + plan.height(wildcards).runtime_min),
     params:
-        options=step_options({**config["finish"]["clean"], **{name: config["finish"][name] for name in ("underside", "holes", "hollows")}}),
-        height=height_method,
-        height_options=height_options,
-        weights=lambda wildcards: weights_stamp("height", height_method(wildcards), height_needs(wildcards)),
+        options=step_options(SHAPE),
+        height=plan.height_method,
+        height_options=plan.height_options,
+        weights=plan.height_weights,
     message:
         "Cleaning, measuring and closing the mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
@@ -134,28 +68,22 @@ rule texture:
         frame=f"{CELL}/frame.json",
         cameras=f"{RUN}/cameras",
         capture=f"{SCENE}/capture",
-        generated=generated_mesh,
-        facts=stage_facts,
+        generated=plan.generated_mesh,
+        facts=plan.stage_facts,
     output:
-        mesh=f"{CELL}/mesh.ply",
-        texture=f"{CELL}/mesh.png",
-        glb=f"{CELL}/mesh.glb",
-        facts=f"{CELL}/mesh.json",
+        **FINISHED,
     log:
         f"{CELL}/logs/texture.log",
-    benchmark:
-        f"{CELL}/benchmarks/texture.tsv"
     wildcard_constraints:
         registration=WITH_CAMERAS,
     resources:
-        mem_mb=per_attempt(3000),
-        runtime=per_attempt(10),
-        gpu=int(config["finish"]["device"] != "cpu"),
-        # At most all texels, 41 bytes each, and one photo, beside what CUDA itself takes.
-        gpu_mem_mb=1000 + 41 * config["finish"]["texture_size_px"] ** 2 // 10**6 if config["finish"]["device"] != "cpu" else 0,
+        **needs(3000, 10, TEXTURE_MB),
     params:
-        options=step_options({"texture_size": config["finish"]["texture_size_px"], "device": config["finish"]["device"]}),
-        asked=asked_again,
+        options=step_options({**TEXTURE, "device": config["finish"]["device"]}),
+        # When a run was asked for a mesh that records a failure: it is tried again, and the run ends with the reason.
+        asked=lambda wildcards: (
+            STARTED_S if FINISHED["mesh"].format(**wildcards) in workflow.dag_settings.targets and plan.has_failed(wildcards) else None
+        ),
     message:
         "Texturing the mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
@@ -166,17 +94,14 @@ rule texture:
 
 rule publish:
     input:
-        mesh=in_chosen_cell("mesh.ply"),
-        companions=in_chosen_cell("mesh.png", "mesh.glb", "mesh.json"),
-        preview=in_chosen_cell("mesh_preview.png"),
-        quality=chosen_quality,
-        grade=in_chosen_cell("grade.json"),
-        evidence=in_chosen_cell("evidence.npz"),
+        mesh=plan.in_chosen_cell("mesh.ply"),
+        companions=plan.in_chosen_cell("mesh.png", "mesh.glb", "mesh.json"),
+        preview=plan.in_chosen_cell("mesh_preview.png"),
+        quality=plan.chosen_quality,
+        grade=plan.in_chosen_cell("grade.json"),
+        evidence=plan.in_chosen_cell("evidence.npz"),
     output:
-        mesh=f"{OBJECT}/{{nvs}}.ply",
-        texture=f"{OBJECT}/{{nvs}}.png",
-        glb=f"{OBJECT}/{{nvs}}.glb",
-        facts=f"{OBJECT}/{{nvs}}.json",
+        **{name: f"{OBJECT}/{{nvs}}.{end}" for name, end in NAMED_FILES.items() if name != "preview"},
         preview=report(
             f"{OBJECT}/{{nvs}}.preview.png",
             caption="../report/preview.rst",
@@ -186,15 +111,68 @@ rule publish:
         ),
     log:
         f"{OBJECT}/logs/publish.{{nvs}}.log",
-    benchmark:
-        f"{OBJECT}/benchmarks/publish.{{nvs}}.tsv"
     resources:
-        mem_mb=per_attempt(1000),
-        runtime=per_attempt(5),
+        **needs(1000, 5),
     params:
-        quality=quality_option,
+        quality=given("quality"),
     message:
         "Putting the chosen mesh of {wildcards.object} at {output.mesh}"
     shell:
         "python -m zeroshop_steps.finish --method publish --mesh {input.mesh} --preview {input.preview}"
         " {params.quality} --grade {input.grade} --evidence {input.evidence} --out {output.mesh} > {log} 2>&1"
+
+
+rule name_mesh:
+    input:
+        plan.named_files,
+    output:
+        **{name: f"{OBJECT}/{{nvs}}.{end}" for name, end in NAMED_FILES.items()},
+    log:
+        f"{OBJECT}/logs/name.{{nvs}}.log",
+    wildcard_constraints:
+        object=plan.named or NOTHING,
+    resources:
+        **needs(100, 5),
+    message:
+        "{wildcards.object} of {wildcards.dataset} is another name: linking the mesh at {output.mesh}"
+    shell:
+        "python -m zeroshop_steps.finish --method link_mesh --files {input} --links {output} > {log} 2>&1"
+
+
+rule finish_without_cameras:
+    input:
+        raw=plan.generated_without_cameras,
+        capture=f"{SCENE}/capture",
+    output:
+        **FINISHED,
+    log:
+        f"{CELL}/logs/finish.log",
+    wildcard_constraints:
+        registration=methods.WITHOUT_CAMERAS,
+    resources:
+        **needs(3000, 15),
+    params:
+        options=step_options({**config["finish"]["clean"], "holes": config["finish"]["holes"], **TEXTURE}),
+    message:
+        "Finishing the generated mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.nvs}, without cameras"
+    shell:
+        "python -m zeroshop_steps.finish --method without_cameras --mesh {input.raw[0]} --stages {input.capture}/capture.json"
+        " {params.options} --out {output.mesh} > {log} 2>&1"
+
+
+rule outcome_without_cameras:
+    input:
+        mesh=plan.raw_mesh,
+    output:
+        outcome=f"{CELL}/outcome.json",
+    log:
+        f"{CELL}/logs/outcome.log",
+    wildcard_constraints:
+        registration=methods.WITHOUT_CAMERAS,
+    resources:
+        **needs(500, 5),
+    message:
+        "Noting that {wildcards.object}, scene {wildcards.scene}, {wildcards.nvs}, ended with its raw mesh"
+    shell:
+        "python -m zeroshop_steps.evaluate --method outcome --mesh {input.mesh} --out {output.outcome}"
+        " --record-failure {output} > {log} 2>&1"

@@ -21,11 +21,8 @@ rule grasps:
         array=f"{CELL}/grasps.npy",
     log:
         f"{CELL}/logs/grasps.log",
-    benchmark:
-        f"{CELL}/benchmarks/grasps.tsv"
     resources:
-        mem_mb=per_attempt(2000),
-        runtime=per_attempt(5),
+        **needs(2000, 5),
     params:
         options=step_options({**config["grasp"], "seed": config["seed"]}),
     message:
@@ -44,11 +41,8 @@ rule grasp_picture:
         picture=f"{CELL}/grasps.png",
     log:
         f"{CELL}/logs/grasp_picture.log",
-    benchmark:
-        f"{CELL}/benchmarks/grasp_picture.tsv"
     resources:
-        mem_mb=per_attempt(1000),
-        runtime=per_attempt(5),
+        **needs(1000, 5),
     params:
         options=step_options({"unknown_scale": config["grasp"]["unknown_scale"]}),
     message:
@@ -60,16 +54,13 @@ rule grasp_picture:
 
 rule publish_grasps:
     input:
-        in_chosen_cell(*GRASP_FILES.values()),
+        plan.in_chosen_cell(*GRASP_FILES.values()),
     output:
         **{name: f"{OBJECT}/{{nvs}}.{file}" for name, file in GRASP_FILES.items()},
     log:
         f"{OBJECT}/logs/publish_grasps.{{nvs}}.log",
-    benchmark:
-        f"{OBJECT}/benchmarks/publish_grasps.{{nvs}}.tsv"
     resources:
-        mem_mb=per_attempt(100),
-        runtime=per_attempt(5),
+        **needs(100, 5),
     message:
         "Linking the grasps of the chosen cell of {wildcards.object}"
     shell:

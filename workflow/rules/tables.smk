@@ -1,330 +1,206 @@
-"""Tables: the measurements of a dataset, one a row, and pages made of them.
+"""Tables: measurements, one a row, and pages made of them. Each is a row of RULES, made by a method of the stage `report`.
 
-results/DATASET/tables/cameras.csv                    how right the cameras are
-results/DATASET/tables/reconstruction.csv, .md        grades and figures of every cell; its grades as marks
-results/DATASET/tables/height.csv, height.svg         how far a printed board is off (thesis, Tables 4.3 and 4.4, Figure 4.8)
-results/DATASET/tables/masks.csv, film_height.csv     of films: masks frame by frame, heights by the printed board
-results/DATASET/tables/bop.csv, bop.md                detections and poses; bop.json: the settings that they were made with
-results/DATASET/tables/detectors.csv, detectors.md    CNOS and SAM-6D, each with regions by SAM and by FastSAM (thesis, 4.4.1)
-results/DATASET/tables/estimators.csv, estimators.md  FoundationPose beside SAM-6D, regions by SAM (thesis, 4.4.2)
+results/DATASET/OBJECT/SCENE/REGISTRATION/NVS/cell.csv   one cell: its grade and figures, or grade none and the reason
+results/DATASET/OBJECT/cells.csv                         one object: every cell of it
+results/DATASET/tables/SCENE/REGISTRATION/NVS.csv        one column: this cell of every object
+results/DATASET/tables/
+    cameras.csv                         how right the cameras are
+    reconstruction.csv, .md             grades and figures of every cell; its grades as marks
+    height.csv, .svg                    how far a printed board is off (thesis, Tables 4.3 and 4.4, Figure 4.8)
+    masks.csv, film_height.csv          of films: masks frame by frame, heights by the printed board
+    bop.csv, .md, .json                 detections and poses; the settings that they were made with
+    detectors.csv, .md, .json           CNOS and SAM-6D, each with regions by SAM and by FastSAM (thesis, 4.4.1)
+    estimators.csv, .md, .json          FoundationPose beside SAM-6D, regions by SAM (thesis, 4.4.2)
+    robustness.csv, .svg                AR of poses from true masks with models that are damaged on purpose
+    grasp.csv, .md                      the thesis's Table 4.6 in simulation; for YCB-V also with heights as wrong as published
+    grasp_scenes.csv                    the scenes of several things alone
+    grasp_robustness.csv                attempts with true models that are damaged on purpose
+    grasp_scale.svg, _underside.svg     its two plots
 
+A failed cell is a result: a step of a cell that fails leaves a record (`--record-failure`), the steps after it pass it on, and the other
+cells go on. The chosen mesh is never a record: asked for, such a cell ends with the reason.
 For the table of heights every object is measured twice: with the board beside it in its views (scene su_b), and by photos of the empty
 scene with the board, while its views (su_h) show none.
 """
 
-import json
 
+def table(file, says, reads, title="", caption="", category="Tables", **more):
+    """A row of RULES.
 
-def cameras_of_table(
-    wildcards,
-):
-    """How right the cameras of each registration in the tables are."""
-    return list(dict.fromkeys(f"{RUN}/camera_error.csv".format(**cell) for cell in cells_of_table(wildcards)))
-
-
-def heights_of_table(
-    wildcards,
-):
-    """The height of every object of a dataset by the board, beside it and in the empty scene, and by MASt3R if it can run here.
-
-    Of the user's own photos, those objects whose height is known and that have photos of the empty scene, by MASt3R alone. Failures are
-    rows of the table.
+    `reads` are its inputs by the options that name them. With a title, it is in Snakemake's report. Of what else it writes, `writes` has
+    the files by the options that name them, and `beside` those that the step names itself.
     """
-    nvs = surfaces_with_cameras("the table of heights")[0]
-    cell = {"dataset": wildcards.dataset, "nvs": nvs}
-    if dataset_named(wildcards.dataset)["kind"] == "photos":
-        rows = {name: row for (owner, name), row in PHOTOS.items() if owner == wildcards.dataset}
-        known = [name for name, row in rows.items() if row["height_m"] and row["marker_images"]]
-        if RECORDS_REFUSALS:
-            known = filmed_objects(known)
-        if not known:
-            raise WorkflowError(
-                f"{config['objects_table']}: no object of {wildcards.dataset} has both height_m and marker_images to compare"
-            )
-        cell |= {"scene": WHOLE_SCENE, "registration": config["chosen"]["photos"]["registration"]}
-        return [f"{CELL}/height_by_mast3r.json".format(**cell, object=name) for name in known]
-    virtual_dataset(wildcards.dataset)
-    cell |= {"registration": config["chosen"]["virtual"]["registration"]}
-    means = [("height_by_board", BOARD_SCENE), ("height_by_board", "su_h")]
-    means += [] if methods.lacks(HEIGHTS["mast3r"]) else [("height_by_mast3r", "su_h")]
-    return [
-        f"{CELL}/{file}.json".format(**cell, object=name, scene=scene) for name in objects_of(wildcards.dataset) for file, scene in means
-    ]
+    path = Path(file if Path(file).name != file else f"{TABLES}/{file}")
+    row = {"path": str(path), "says": says, "reads": reads, "writes": {}, "beside": [], "dataset": "[^/]+", "mb": 500}
+    row |= {"method": "table", "options": plan.root_option, "log": f"{path.parent}/logs/{path.stem}.log"} | more
+    return row | ({"path": shown(path, title, caption or path.stem, category)} if title else {})
 
 
-def film_files(
-    path,
-):
-    """An input function: this file of every film of a dataset, a failure where it could not be made."""
-
-    def files(
-        wildcards,
-    ):
-        registration, nvs = config["chosen"]["photos"]["registration"], surfaces_with_cameras("the table of films")[0]
-        run = {"dataset": wildcards.dataset, "scene": WHOLE_SCENE, "registration": registration, "nvs": nvs}
-        return [path.format(**run, object=name) for name in objects_of(wildcards.dataset)]
-
-    return files
+def shown(path, title, caption, category="Tables"):
+    """A file of Snakemake's report."""
+    return report(str(path), caption=f"../report/{caption}.rst", category=category, subcategory="{dataset}", labels={"table": title})
 
 
-def scores_of_table(
-    wildcards,
-):
-    """The scores of every detector and estimator that the config wants in tables, with true and with reconstructed models."""
-    virtual_dataset(wildcards.dataset, "Photos have no test set.")
-    say_what_is_left_out("nvs", "detectors", "estimators")
-    detectors, estimators = table_axis("detectors"), table_axis("estimators")
-    runs = [f"{detector}-MODELS/precision" for detector in detectors]
-    pairs = [f"{estimator}-{masks}" for estimator in estimators for masks in ["truth", *detectors]]
-    runs += [f"{pair}-MODELS/scores" for pair in (pairs if config["tables"]["poses"] == "all" else config["tables"]["poses"])]
-    folders = ["models", *(f"models_{nvs}" for nvs in surfaces_with_cameras("the table of the benchmark"))]
-    return [f"{RESULTS}/{wildcards.dataset}/bop/{run.replace('MODELS', models)}.csv" for models in folders for run in runs]
+def scores(name, says, reads, page, options):
+    """A row of RULES: a table of scores with its page and settings."""
+    return table(
+        f"{name}.csv",
+        says,
+        {"scores": reads},
+        method="bop",
+        options=options,
+        writes={"page": page, "settings_out": f"{TABLES}/{name}.json"},
+    )
 
 
-def scores_of_comparison(
-    kind,
-    *runs,
-):
-    """An input function: scores of these runs with true models, with the same without underside, and with reconstructed ones."""
+OF_CELL = "{wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+RULES = {
+    "cell": table(f"{CELL}/cell.csv", f"Gathering the figures of {OF_CELL}", {"measurements": plan.measurements}),
+    "object_table": table(
+        f"{OBJECT}/cells.csv",
+        "Gathering every cell of {wildcards.dataset} {wildcards.object}",
+        {"measurements": plan.figures_of(plan.cells_of_object)},
+    ),
+    "column_table": table(
+        f"{TABLES}/{{scene}}/{{registration}}/{{nvs}}.csv",
+        "Gathering scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs} of every object of {wildcards.dataset}",
+        {"measurements": plan.figures_of(plan.cells_of_column)},
+        log=f"{TABLES}/logs/{{scene}}.{{registration}}.{{nvs}}.log",
+    ),
+    "camera_table": table(
+        "cameras.csv",
+        "Gathering the camera errors of every registration of {wildcards.dataset}",
+        {"measurements": plan.camera_errors},
+        "camera errors",
+        mb=1000,
+    ),
+    "reconstruction_table": table(
+        "reconstruction.csv",
+        "Gathering the grade and the quality of every cell of {wildcards.dataset}",
+        {"measurements": plan.figures_of(plan.cells_of_table)},
+        "figures",
+        mb=1000,
+    ),
+    "reconstruction_marks": table(
+        "reconstruction.md",
+        "Marking every cell of {wildcards.dataset}",
+        {"table": f"{TABLES}/reconstruction.csv"},
+        "grades",
+        "marks",
+        method="reconstruction",
+        options=plan.published_option,
+        log=f"{TABLES}/logs/reconstruction_marks.log",
+    ),
+    "mask_table": table(
+        "masks.csv",
+        "Gathering how right the masks of {wildcards.dataset} are",
+        {"measurements": plan.of_films(f"{RUN}/mask_error.csv")},
+        dataset=plan.of_kinds("films"),
+        mb=1000,
+    ),
+    "height_table": table(
+        "height.csv",
+        "Comparing the measured heights of {wildcards.dataset} with the true ones",
+        {"heights": plan.measured_heights},
+        "heights",
+        "heights",
+        "Heights",
+        method="heights",
+        beside=[shown(f"{TABLES}/height.svg", "Figure 4.8", "heights", "Heights"), f"{TABLES}/height.png"],
+        mb=1000,
+    ),
+    "film_height_table": table(
+        "film_height.csv",
+        "Comparing the heights measured in {wildcards.dataset} with the true ones",
+        {"heights": plan.of_films(f"{CELL}/height.json"), "truths": plan.of_films(f"{OBJECT}/film/truth")},
+        method="film_heights",
+        dataset=plan.of_kinds("films"),
+        mb=1000,
+    ),
+    "bop_table": scores(
+        "bop",
+        "Gathering the detections' and poses' scores of {wildcards.dataset}",
+        plan.scores,
+        shown(f"{TABLES}/bop.md", "detection and poses", "bop"),
+        plan.score_options(published=True),
+    ),
+    "detector_table": scores(
+        "detectors",
+        "Comparing detectors with regions by SAM and by FastSAM in {wildcards.dataset}",
+        plan.compared_scores("precision", *plan.proposing),
+        f"{TABLES}/detectors.md",
+        plan.score_options(),
+    ),
+    "estimator_table": scores(
+        "estimators",
+        "Comparing FoundationPose with SAM-6D in {wildcards.dataset}",
+        plan.compared_scores("scores", "foundationpose-cnos_sam", "sam6d_pem-sam6d_ism_sam"),
+        f"{TABLES}/estimators.md",
+        plan.score_options(),
+    ),
+    "robustness_table": table(
+        "robustness.csv",
+        "Gathering what poses of {wildcards.dataset} lose with damaged models",
+        {"scores": plan.robustness_scores},
+        method="robustness",
+        options="",
+        beside=[shown(f"{TABLES}/robustness.svg", "robustness of poses", "robustness"), f"{TABLES}/robustness.png"],
+        mb=1000,
+    ),
+    "grasp_table": table(
+        "grasp.csv",
+        "Gathering the grasps of {wildcards.dataset} in simulation",
+        {"attempts": plan.attempts, "scenes": plan.sightings},
+        method="grasping",
+        options="",
+        writes={"page": shown(f"{TABLES}/grasp.md", "grasps in simulation", "grasp")},
+    ),
+    "grasp_scenes_table": table(
+        "grasp_scenes.csv",
+        "Gathering what robots make of several things of {wildcards.dataset}",
+        {"scenes": plan.sightings},
+        method="grasp_scenes",
+        options="",
+    ),
+    "grasp_robustness_table": table(
+        "grasp_robustness.csv",
+        "Gathering how grasps of {wildcards.dataset} fail with damaged models",
+        {"attempts": plan.damaged_attempts},
+        method="grasp_robustness",
+        options="",
+        writes={
+            "scale_plot": shown(f"{TABLES}/grasp_scale.svg", "grasps with a wrong scale", "grasp"),
+            "underside_plot": shown(f"{TABLES}/grasp_underside.svg", "grasps without the underside", "grasp"),
+        },
+        beside=[f"{TABLES}/grasp_scale.png", f"{TABLES}/grasp_underside.png"],
+        mb=1000,
+    ),
+}
+# On a cluster, what takes a second is done where Snakemake runs.
+for name, row in RULES.items():
 
-    def scores(
-        wildcards,
-    ):
-        virtual_dataset(wildcards.dataset, "Photos have no test set.")
-        folders = ["models", "models_without_underside", *(f"models_{nvs}" for nvs in measured_surfaces(f"the table of {kind}"))]
-        return [f"{BOP}/{run}-{models}/{kind}.csv".format(**wildcards) for models in folders for run in runs]
-
-    return scores
-
-
-def settings_of_scores(
-    wildcards,
-):
-    """What tells a table of scores from others: the test images, the cells of its models, and the options of its networks; as JSON."""
-    test_folder = config["datasets"][wildcards.dataset].get("test_folder")
-    networks = {stage: config[stage] for stage in ("detect", "pose")}
-    return json.dumps({"test_folder": test_folder, **config["chosen"]["virtual"], **networks})
-
-
-def published_option(
-    wildcards,
-):
-    """The option that puts published figures beside ours, for the dataset that has some."""
-    return "--published" if wildcards.dataset == "ycbv" else ""
-
-
-localrules:
-    camera_table,
-    reconstruction_table,
-    reconstruction_marks,
-    mask_table,
-    film_height_table,
-    bop_table,
-    detector_table,
-    estimator_table,
-
-
-rule camera_table:
-    input:
-        measurements=cameras_of_table,
-    output:
-        table=report(
-            f"{TABLES}/cameras.csv",
-            caption="../report/cameras.rst",
-            category="Tables",
-            subcategory="{dataset}",
-            labels={"table": "camera errors"},
-        ),
-    log:
-        f"{TABLES}/logs/cameras.log",
-    benchmark:
-        f"{TABLES}/benchmarks/cameras.tsv"
-    resources:
-        mem_mb=per_attempt(1000),
-        runtime=per_attempt(5),
-    message:
-        "Gathering the camera errors of every registration of {wildcards.dataset}"
-    shell:
-        "python -m zeroshop_steps.report --method table --measurements {input}" f"{BELOW_RESULTS}" " --out {output} > {log} 2>&1"
-
-
-use rule camera_table as reconstruction_table with:
-    input:
-        cells=figures_of(rows_of_table),
-    output:
-        table=report(
-            f"{TABLES}/reconstruction.csv",
-            caption="../report/reconstruction.rst",
-            category="Tables",
-            subcategory="{dataset}",
-            labels={"table": "figures"},
-        ),
-    log:
-        f"{TABLES}/logs/reconstruction.log",
-    benchmark:
-        f"{TABLES}/benchmarks/reconstruction.tsv"
-    message:
-        "Gathering the grade and the quality of every cell of {wildcards.dataset}"
-
-
-use rule camera_table as mask_table with:
-    input:
-        measurements=film_files(f"{RUN}/mask_error.csv"),
-    output:
-        table=f"{TABLES}/masks.csv",
-    log:
-        f"{TABLES}/logs/masks.log",
-    benchmark:
-        f"{TABLES}/benchmarks/masks.tsv"
-    wildcard_constraints:
-        dataset=datasets_of("films"),
-    message:
-        "Gathering how right the masks of {wildcards.dataset} are"
-
-
-rule reconstruction_marks:
-    input:
-        table=f"{TABLES}/reconstruction.csv",
-    output:
-        page=report(
-            f"{TABLES}/reconstruction.md",
-            caption="../report/marks.rst",
-            category="Tables",
-            subcategory="{dataset}",
-            labels={"table": "grades"},
-        ),
-    log:
-        f"{TABLES}/logs/reconstruction_marks.log",
-    benchmark:
-        f"{TABLES}/benchmarks/reconstruction_marks.tsv"
-    resources:
-        mem_mb=per_attempt(500),
-        runtime=per_attempt(5),
-    params:
-        published=published_option,
-    message:
-        "Marking every cell of {wildcards.dataset}"
-    shell:
-        "python -m zeroshop_steps.report --method reconstruction --table {input.table} {params.published} --out {output.page} > {log} 2>&1"
-
-
-rule height_table:
-    input:
-        heights=heights_of_table,
-    output:
-        table=report(
-            f"{TABLES}/height.csv",
-            caption="../report/heights.rst",
-            category="Heights",
-            subcategory="{dataset}",
-            labels={"table": "heights"},
-        ),
-        plot=report(
-            f"{TABLES}/height.svg",
-            caption="../report/heights.rst",
-            category="Heights",
-            subcategory="{dataset}",
-            labels={"table": "Figure 4.8"},
-        ),
-        picture=f"{TABLES}/height.png",
-    log:
-        f"{TABLES}/logs/height.log",
-    benchmark:
-        f"{TABLES}/benchmarks/height.tsv"
-    resources:
-        mem_mb=per_attempt(1000),
-        runtime=per_attempt(5),
-    message:
-        "Comparing the measured heights of {wildcards.dataset} with the true ones"
-    shell:
-        "python -m zeroshop_steps.report --method heights --heights {input.heights}" f"{BELOW_RESULTS}" " --out {output.table} > {log} 2>&1"
-
-
-rule film_height_table:
-    input:
-        heights=film_files(f"{CELL}/height.json"),
-        truths=film_files(f"{OBJECT}/film/truth"),
-    output:
-        table=f"{TABLES}/film_height.csv",
-    log:
-        f"{TABLES}/logs/film_height.log",
-    benchmark:
-        f"{TABLES}/benchmarks/film_height.tsv"
-    wildcard_constraints:
-        dataset=datasets_of("films"),
-    resources:
-        mem_mb=per_attempt(1000),
-        runtime=per_attempt(5),
-    message:
-        "Comparing the heights measured in {wildcards.dataset} with the true ones"
-    shell:
-        "python -m zeroshop_steps.report --method film_heights --heights {input.heights} --truths {input.truths}"
-        f"{BELOW_RESULTS}"
-        " --out {output.table} > {log} 2>&1"
-
-
-rule bop_table:
-    input:
-        scores=scores_of_table,
-    output:
-        table=f"{TABLES}/bop.csv",
-        page=report(
-            f"{TABLES}/bop.md",
-            caption="../report/bop.rst",
-            category="Tables",
-            subcategory="{dataset}",
-            labels={"table": "detection and poses"},
-        ),
-        settings=f"{TABLES}/bop.json",
-    log:
-        f"{TABLES}/logs/bop.log",
-    benchmark:
-        f"{TABLES}/benchmarks/bop.tsv"
-    resources:
-        mem_mb=per_attempt(500),
-        runtime=per_attempt(5),
-    params:
-        published=published_option,
-        images=lambda wildcards: "--real-images" if has_real_tests(wildcards.dataset) else "",
-        settings=settings_of_scores,
-    message:
-        "Gathering the detections' and poses' scores of {wildcards.dataset}"
-    shell:
-        "python -m zeroshop_steps.report --method bop --scores {input.scores} {params.published} {params.images} --page {output.page}"
-        " --settings {params.settings:q} --settings-out {output.settings}"
-        f"{BELOW_RESULTS}"
-        " --out {output.table} > {log} 2>&1"
-
-
-use rule bop_table as detector_table with:
-    input:
-        scores=scores_of_comparison("precision", *PROPOSING),
-    output:
-        table=f"{TABLES}/detectors.csv",
-        page=f"{TABLES}/detectors.md",
-        settings=f"{TABLES}/detectors.json",
-    log:
-        f"{TABLES}/logs/detectors.log",
-    benchmark:
-        f"{TABLES}/benchmarks/detectors.tsv"
-    params:
-        published="",
-        images=lambda wildcards: "--real-images" if has_real_tests(wildcards.dataset) else "",
-        settings=settings_of_scores,
-    message:
-        "Comparing detectors with regions by SAM and by FastSAM in {wildcards.dataset}"
-
-
-use rule detector_table as estimator_table with:
-    input:
-        scores=scores_of_comparison("scores", "foundationpose-cnos_sam", "sam6d_pem-sam6d_ism_sam"),
-    output:
-        table=f"{TABLES}/estimators.csv",
-        page=f"{TABLES}/estimators.md",
-        settings=f"{TABLES}/estimators.json",
-    log:
-        f"{TABLES}/logs/estimators.log",
-    benchmark:
-        f"{TABLES}/benchmarks/estimators.tsv"
-    message:
-        "Comparing FoundationPose with SAM-6D in {wildcards.dataset}"
+    rule:
+        name:
+            name
+        input:
+            **row["reads"],
+        output:
+            row["beside"],
+            **row["writes"],
+            out=row["path"],
+        log:
+            row["log"],
+        wildcard_constraints:
+            dataset=row["dataset"],
+        localrule: True
+        resources:
+            **needs(row["mb"], 5),
+        params:
+            method=row["method"],
+            inputs=given(),
+            options=row["options"],
+            files=lambda wildcards, output: step_options(dict(output.items())),
+        message:
+            row["says"]
+        shell:
+            "python -m zeroshop_steps.report --method {params.method} {params.inputs} {params.options} {params.files} > {log} 2>&1"

@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -10,12 +9,13 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from snakemake_logger_plugin_zeroshop import EVENTS_FD
 from zeroshop_steps.app.project_folders import find_project, find_weights_home
 from zeroshop_steps.app.run_lock import free_dead_lock, note_run
 from zeroshop_steps.methods import BY_GIVEN_CAMERAS, REGISTRATIONS
@@ -35,44 +35,40 @@ MORE_FRAMES = 3
 """So many times as many frames are taken where those of a film have no sure cameras: distinct sides are merged where few
 frames show the way from one to the other. A can with two like labels: 31 frames are refused, 52 of 60 are right."""
 LEAST_MORE_FRAMES = 1.5  # times those before; fewer show little that is new
-JOB = re.compile(r"^(?:Job|localrule|checkpoint|Checkpoint) (\d+): (.*)$")
-FINISHED = re.compile(r"^Finished jobid: (\d+) \(Rule: (\w+)\)")
-STATS_ROW = re.compile(r"^(\w+)\s+(\d+)$")
 
 
 @dataclass
 class Progress:
-    """How far a run is, read from Snakemake's lines.
+    """How far a run is, by the events of Snakemake (snakemake_logger_plugin_zeroshop).
 
     Attributes:
-        planned: number of jobs left, by rule.
-        running: what the jobs under way say of themselves, by number.
+        planned: number of jobs, by rule.
+        running: the rules of the jobs under way and what these say of themselves, by number.
         failed: the step that could not do its work, if there is one: all after it only pass that on.
     """
 
     planned: dict[str, int] = field(default_factory=dict)
-    running: dict[int, str] = field(default_factory=dict)
+    running: dict[int, tuple[str, str]] = field(default_factory=dict)
     started_s: float = field(default_factory=time.monotonic)
     total_s: float = 0.0
     done_s: float = 0.0
-    in_stats: bool = False
     failed: str = ""
 
-    def read(self, line: str) -> None:
-        """Take one line of Snakemake's report."""
-        line = line.rstrip("\n")
-        if line.startswith("Job stats:"):
-            self.in_stats, self.planned = True, {}
-        elif self.in_stats and not line.strip() and self.planned:
-            self.in_stats = False
+    def read(self, event: Mapping[str, Any]) -> None:
+        """Take one event."""
+        if "planned" in event:
+            self.planned = dict(event["planned"])
             self.total_s = self.done_s + sum(TYPICAL_S.get(rule, OTHER_S) * count for rule, count in self.planned.items())
-        elif self.in_stats and (row := STATS_ROW.match(line)) and row[1] != "total":
-            self.planned[row[1]] = int(row[2])
-        elif job := JOB.match(line):
-            self.running[int(job[1])] = job[2]
-        elif finished := FINISHED.match(line):
-            self.running.pop(int(finished[1]), None)
-            self.done_s += TYPICAL_S.get(finished[2], OTHER_S)
+        elif "job" in event:
+            self.running[event["job"]] = event["rule"], event["says"]
+        elif event["finished"] in self.running:
+            rule, _ = self.running.pop(event["finished"])
+            self.done_s += TYPICAL_S.get(rule, OTHER_S)
+
+    @property
+    def stages(self) -> list[str]:
+        """What the jobs under way say of themselves."""
+        return [says for _, says in self.running.values() if says]
 
     @property
     def share(self) -> float:
@@ -88,7 +84,7 @@ class Progress:
         if self.share > 0.02:
             left_s = passed_s / self.share * (1 - self.share)
             left = f", about {left_s / 60:.0f} min left" if left_s > 90 else f", about {max(left_s, 1):.0f} s left"
-        what = "; ".join(self.running.values()) or "planning"
+        what = "; ".join(self.stages) or "planning"
         return f"{self.share:4.0%}{left}   {what}"
 
 
@@ -150,28 +146,24 @@ def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path, 
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(root / "workflow/Snakefile")]
     command += ["--workflow-profile", str(root / "workflow/profiles/default"), "--directory", str(folder), "--cores", str(cores)]
     changed = [f"{key}={json.dumps(value)}" for key, value in (settings or {}).items()]
-    command += ["--config", f"objects_table={table}", *changed, "--nocolor"]
+    command += ["--config", f"objects_table={table}", *changed, "--nocolor", "--logger", "zeroshop"]
     progress = Progress()
     log.parent.mkdir(parents=True, exist_ok=True)
     if free_dead_lock(folder, command):
         print("The run before this one was cut off; going on where it stopped.", file=sys.stderr)
+    events, writable = os.pipe()
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1", EVENTS_FD: str(writable)}
     with (
+        open(events) as lines,
         log.open("w") as file,
-        subprocess.Popen(
-            [*command, "--", target],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            errors="replace",
-            env={**os.environ, "PYTHONUNBUFFERED": "1"},
-        ) as process,
+        subprocess.Popen([*command, "--", target], stdout=file, stderr=subprocess.STDOUT, pass_fds=[writable], env=environment) as process,
     ):
-        assert process.stdout is not None
+        os.close(writable)
         note_run(folder, process.pid)
         try:
             # One of several passes may fail and is left out: then the steps after it do run.
             single = read_chosen_cell(settings or {})[0] != JOINED_PHOTOS
-            _show(progress, process.stdout, file, (folder / target).parent if single else None)
+            _show(progress, map(json.loads, lines), (folder / target).parent if single else None)
         except KeyboardInterrupt:
             process.send_signal(signal.SIGINT)
             process.wait()
@@ -203,26 +195,25 @@ def find_failed_step(results: Path, since_s: float) -> str:
     return next((failure.step for failure in failures if failure), "")
 
 
-def _show(progress: Progress, lines: Iterable[str], file: TextIO, results: Path | None) -> None:
-    """Copy Snakemake's lines to `file` and show the progress: one moving line on a terminal, a line a stage elsewhere."""
+def _show(progress: Progress, events: Iterable[Mapping[str, Any]], results: Path | None) -> None:
+    """Show the progress: one moving line on a terminal, a line a stage elsewhere."""
     console, since_s = Console(stderr=True), time.time()
     if console.is_terminal:
         with Live(Text("planning"), console=console, refresh_per_second=4) as live:
-            for line in lines:
-                _take(line, progress, file, results, since_s)
+            for event in events:
+                _take(event, progress, results, since_s)
                 live.update(Text(progress.describe(), overflow="ellipsis", no_wrap=True))
         return
     last: Sequence[str] = ()
-    for line in lines:
-        _take(line, progress, file, results, since_s)
-        now = (progress.failed,) if progress.failed else tuple(progress.running.values())
+    for event in events:
+        _take(event, progress, results, since_s)
+        now = [progress.failed] if progress.failed else progress.stages
         if now and now != last:
             print(progress.describe(), file=sys.stderr, flush=True)
             last = now
 
 
-def _take(line: str, progress: Progress, file: TextIO, results: Path | None, since_s: float) -> None:
-    file.write(line)
-    progress.read(line)
-    if results and not progress.failed and FINISHED.match(line):
+def _take(event: Mapping[str, Any], progress: Progress, results: Path | None, since_s: float) -> None:
+    progress.read(event)
+    if results and not progress.failed and "finished" in event:
         progress.failed = find_failed_step(results, since_s)
