@@ -31,7 +31,6 @@ from zeroshop_steps.register.verification.consistency import ConsistencyLimits, 
 from zeroshop_steps.register.verification.duplicate_structure import MayMatch
 from zeroshop_steps.register.verification.verdict import verify
 
-MANY_IMAGES = 30  # beyond them, adjusting all cameras together after each few images takes most of the time
 LOOSE_OBSERVATIONS = 650
 """Points seen by an image, in the mean: with fewer, outlines are asked, too. On plain grounds, cameras with 314, 379 and 642 went from 2.7,
 0.23 and 0.62 mm to 0.5, 0.21 and 0.17; with 690 and 694, from 0.26 and 0.26 to 0.33 and 0.43. Print gives a thousand and more."""
@@ -133,7 +132,7 @@ def reconstruct(
     needed = max(options.min_images, math.ceil(options.min_share * expected))
     model = start
     if start is None and not apart:  # images that lie apart have a model if they can be joined, and none otherwise
-        mapper = make_mapping_options(min(needed, count), options.seed, many=count > MANY_IMAGES)
+        mapper = make_mapping_options(min(needed, count), options.seed)
         model = map_incrementally(database, image_set.images[0].parent, scratch / "models", mapper)
     stopwatch.lap("map")
     hypothesis = None

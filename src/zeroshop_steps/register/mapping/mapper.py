@@ -8,25 +8,25 @@ import pycolmap
 from zeroshop_steps.register.scene.image_set import ImageSet
 
 WIDE_COEFFICIENT = 100.0  # of a fisheye's polynomial whose focal length is far from that of the ideal lens
-MANY_GROWTH, MANY_REFINEMENTS = 1.4, 2  # the model grows by this factor between adjustments, each of so many rounds; COLMAP: 1.1, 5
+GROWTH, REFINEMENTS = 1.4, 2
+"""The model grows by this factor between adjustments of all cameras, each of so many rounds; COLMAP's 1.1 and 5 take half as long again,
+and every model is refined afterwards. Of a rendered bottle, centres are 0.07 mm off with either."""
 
 
-def make_mapping_options(min_registered: int, seed: int, many: bool = False) -> pycolmap.IncrementalPipelineOptions:
+def make_mapping_options(min_registered: int, seed: int) -> pycolmap.IncrementalPipelineOptions:
     """Options of the incremental mapper.
 
     Args:
         min_registered: a model with fewer images is given up and the next initial pair is tried.
         seed: of all RANSAC loops.
-        many: whether there are so many images that all cameras are adjusted together less often, which each time costs more.
     """
     options = pycolmap.IncrementalPipelineOptions()
     options.min_model_size = min_registered
     # On several threads sums are formed in a changing order: not the same bytes, and at this size hardly faster.
     options.num_threads = options.mapper.num_threads = 1
     options.random_seed = options.mapper.random_seed = options.triangulation.random_seed = seed
-    if many:
-        options.ba_global_frames_ratio = options.ba_global_points_ratio = MANY_GROWTH
-        options.ba_global_max_refinements = MANY_REFINEMENTS
+    options.ba_global_frames_ratio = options.ba_global_points_ratio = GROWTH
+    options.ba_global_max_refinements = REFINEMENTS
     return options
 
 
