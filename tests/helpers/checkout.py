@@ -22,12 +22,12 @@ def copy_checkout(folder: Path) -> dict[str, str]:
     if KERNELS in os.environ:  # without it, they lie beside the sources
         environment[KERNELS] = str(folder / "kernels")
         for package in {path.parent for path in (folder / "src").rglob("*.py")}:
-            here = Path(os.environ[KERNELS], _folder_of_kernels(REPOSITORY / package.relative_to(folder)))
+            here = Path(os.environ[KERNELS], folder_of_kernels(REPOSITORY / package.relative_to(folder)))
             if here.is_dir():
-                shutil.copytree(here, folder / "kernels" / _folder_of_kernels(package))
+                shutil.copytree(here, folder / "kernels" / folder_of_kernels(package))
     return environment
 
 
-def _folder_of_kernels(package: Path) -> str:
+def folder_of_kernels(package: Path) -> str:
     """The name that Numba gives the folder of a package's kernels."""
     return UserProvidedCacheLocator.get_suitable_cache_subpath(str(package / "any.py"))

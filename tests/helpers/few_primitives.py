@@ -16,7 +16,7 @@ from zeroshop_steps.surface.twodgs.settings import SurfelSettings
 from zeroshop_steps.surface.twodgs.surfels import Surfels
 from zeroshop_steps.surface.twodgs.train import SurfelTrainer
 
-STEPS, COUNT, SIZE_PX = 2, 8, 16
+STEPS, COUNT, SIZE_PX = 2, 8, 10
 EARLY = {"iterations": STEPS, "normal_from_share": 0.0, "coarse_share": 0.0}
 """All terms of the loss count from the first step on, and the number of primitives changes before the last."""
 

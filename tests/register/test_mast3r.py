@@ -10,9 +10,10 @@ from zeroshop_steps.register.mast3r import Mast3rOptions, register
 from zeroshop_steps.register.pipeline import StructureOptions
 from zeroshop_steps.register.scene.record import RegistrationFailed
 
-AZIMUTHS_DEG = [36.0 * number for number in range(10)]
+VIEWS = 8
+AZIMUTHS_DEG = [360.0 / VIEWS * number for number in range(VIEWS)]
 WIDTH_PX = 192
-ELEVATIONS_DEG = [40.0 if number % 2 else 25.0 for number in range(10)]
+ELEVATIONS_DEG = [40.0 if number % 2 else 25.0 for number in range(VIEWS)]
 
 
 @pytest.fixture(scope="module")
@@ -41,11 +42,11 @@ def test_true_depth_with_noise_gives_the_true_cameras(scene, tmp_path):
     out = tmp_path / "cameras"
     out.mkdir()
     figures = register(image_set, out, Mast3rOptions(min_track=3), lambda: MadePairs(scene.cameras, scene.depths, 1e-3, Noise(), WIDTH_PX))
-    assert figures["registered"] == 10 and figures["matched_pairs"] > 20
+    assert figures["registered"] == VIEWS and figures["matched_pairs"] > 16
     distances, angles = camera_errors(scene, out / "sparse")
     # The cameras stand 700 mm away; a pixel is 2.6 mm there.
     assert distances.mean() < 2.0 and angles.max() < 0.3, (distances, angles)
-    assert len(list((out / "images").iterdir())) == len(list((out / "masks").iterdir())) == 10
+    assert len(list((out / "images").iterdir())) == len(list((out / "masks").iterdir())) == VIEWS
 
 
 def test_pictures_without_overlap_are_a_failure_with_its_reason(scene, tmp_path):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from helpers.checkout import folder_of_kernels
 from helpers.paths import REPOSITORY
 from zeroshop_steps.runtime.code_version import SOURCES
 
@@ -39,9 +40,11 @@ def test_kernels_compiled_now_or_loaded_give_the_same_bytes(tmp_path: Path) -> N
     assert trained.count("\n") > 8
     if compiled_in(kernels) != before:
         assert train(kernels, 2) == trained, "all kernels loaded"
-    large = [path for name in ("*.blend_*ward", "*.project_*ward", "ssim._*") for path in kernels.rglob(f"{name}-*.nbi")]
-    # Kernels of a second checkout, or of sources as they were before, are named alike but for a folder's digest and the line.
-    kinds = {(index.parent.name.split("_")[0], index.name.split("-")[0]) for index in large}
+    folders = [kernels / folder_of_kernels(SOURCES / "surface" / part) for part in ("twodgs/kernels", "svraster/kernels", "training")]
+    names = ("*.blend_*ward", "*.project_*ward", "ssim._*")
+    large = [path for folder in folders for name in names for path in folder.glob(f"{name}-*.nbi")]
+    # Kernels of sources as they were before are named alike but for the line.
+    kinds = {(index.parent, index.name.split("-")[0]) for index in large}
     assert len(kinds) == 10, "forward and backward, of both optimizers, and two of the similarity"
     for index in large:
         index.unlink()

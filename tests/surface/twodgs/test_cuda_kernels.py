@@ -15,13 +15,13 @@ from zeroshop_steps.surface.twodgs.kernels.device_lists import list_slots_by_til
 from zeroshop_steps.surface.twodgs.render import RenderView, render
 from zeroshop_steps.surface.twodgs.renderers import CpuRenderer, CudaRenderer, make_renderer
 
-WIDTH_PX, HEIGHT_PX, SPLATS = 30, 16, 24
+WIDTH_PX, HEIGHT_PX, SPLATS = 20, 10, 24
 
 
 def make_view() -> RenderView:
     camera_from_world = np.eye(4)
     camera_from_world[:3, 3] = [0.1, -0.05, 3.0]
-    camera = Camera("view", WIDTH_PX, HEIGHT_PX, np.array([[45.0, 0, 16.0], [0, 44.0, 9.0], [0, 0, 1]]), camera_from_world)
+    camera = Camera("view", WIDTH_PX, HEIGHT_PX, np.array([[30.0, 0, 10.7], [0, 29.0, 5.6], [0, 0, 1]]), camera_from_world)
     return RenderView.from_camera(camera, 1.5, 6.0)
 
 
