@@ -79,7 +79,8 @@ def _read(mesh: Path, cameras: Path, unknown_scale: str) -> _Object:
 
 def _write_frame(folder: Path, number: int, photo: View, objects: list[_Object]) -> Frame:
     """Write a photo and its masks. Returns its entry, with the objects that have a mask in it."""
-    stem, instances = f"{number:06d}", []
+    stem = f"{number:06d}"
+    instances: list[Instance] = []
     for object_id, one in enumerate(objects, 1):
         if (view := one.views.get(photo.camera.name)) is not None:
             instance, silhouette, visible = one.instance(view, object_id)
