@@ -1,15 +1,21 @@
 """Photos and cameras for other tools: what they reproject is what the photos show."""
 
 import json
+import shutil
 
 import numpy as np
 import pycolmap
 import pytest
 
 from helpers.faults import step
+from zeroshop_steps.app.importing import import_capture
+from zeroshop_steps.bop.formats.bop_scenes import read_scene
+from zeroshop_steps.capture.adapters.form import ImportOptions
+from zeroshop_steps.capture.cameras_json import read_given_cameras
+from zeroshop_steps.geometry.cameras.pinhole import write_cameras
 from zeroshop_steps.geometry.cameras.registered_views import read_views
 from zeroshop_steps.geometry.cameras.transforms import transform_points
-from zeroshop_steps.geometry.imaging.images import read_image, read_mask
+from zeroshop_steps.geometry.imaging.images import compute_overlap, read_image, read_mask, write_mask
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.files import write_json
 
@@ -69,3 +75,48 @@ def test_a_mesh_of_unknown_scale_gives_no_metric_cameras(product, tmp_path, caps
     write_json(tmp_path / "2dgs.json", {"scale": "unknown", "scale_source": "none", "height_m": None, "height_deviation_m": None})
     assert step("assets", "colmap", mesh=copy, cameras=cameras, out=tmp_path / "cm") == 1
     assert "is unknown" in capsys.readouterr().err and not (tmp_path / "cm").exists()
+
+
+def test_a_bop_sequence_comes_back_by_our_adapter(product, tmp_path):
+    """Poses, lenses, masks and pictures are those of the cameras, and the JSON says what the masks and the mesh show."""
+    mesh, vertices_m, cameras = product
+    assert step("assets", "bop", mesh=mesh, cameras=cameras, out=tmp_path / "2dgs.bop") == 0
+    sequence = tmp_path / "2dgs.bop/obj_000001_up"
+    import_capture(sequence, tmp_path / "back", ImportOptions())
+    given, (views, _) = read_given_cameras(tmp_path / "back/cameras.json"), read_views(cameras)
+    views = [view for view in views if view.mask_path is not None]
+    assert given.metric and len(given.images) == len(views) > 5
+    info = json.loads((sequence / "scene_gt_info.json").read_text())
+    for number, view in enumerate(views):
+        name = f"{number:06d}{view.image_path.suffix}"
+        one, k = given.images[name], view.camera.intrinsics
+        assert np.allclose(one.lens.params, (k[0, 0], k[1, 1], k[0, 2], k[1, 2]))
+        seen = transform_points(vertices_m, one.camera_from_world)
+        expected, _ = view.camera.project(transform_points(1000 * vertices_m, np.linalg.inv(OBJECT_FROM_REGISTRATION)))
+        assert np.abs((seen @ k.T)[:, :2] / seen[:, 2:] - expected).max() < 0.01
+        assert (tmp_path / "back/images" / name).read_bytes() == view.image_path.read_bytes()
+        mask = read_mask(tmp_path / f"back/masks/{number:06d}.png")
+        assert (mask == view.mask()).all() and compute_overlap(read_mask(sequence / f"mask/{number:06d}_000000.png"), mask) > 0.9
+        assert info[str(number)][0]["px_count_visib"] == mask.sum() and 0.8 < info[str(number)][0]["visib_fract"] <= 1
+
+
+def test_a_bop_scene_of_several_objects_has_masks_of_each(product, tmp_path):
+    """Two in the same photos, of which one does not show the second: numbers and masks are those of the object that is asked for."""
+    mesh, _, cameras = product
+    second = shutil.copytree(cameras, tmp_path / "second")
+    views = read_views(second)[0][1:]
+    write_cameras(second / "sparse", [view.camera for view in views])
+    for view in views:
+        write_mask(view.mask_path, np.roll(view.mask(), 5, 1))
+    assert step("assets", "bop", "--mesh", mesh, mesh, "--cameras", cameras, second, out=tmp_path / "2dgs.bop") == 0
+    frames = read_scene(tmp_path / "2dgs.bop/000001")
+    assert [[one.object_id for one in frame.instances] for frame in frames.values()] == [[1]] + [[1, 2]] * (len(frames) - 1)
+    import_capture(tmp_path / "2dgs.bop/000001", tmp_path / "back", ImportOptions(object_id=2))
+    back = sorted((tmp_path / "back/masks").iterdir())
+    assert all((read_mask(one) == view.mask()).all() for one, view in zip(back, views, strict=True))
+
+
+def test_meshes_and_cameras_for_bop_go_in_pairs(product, tmp_path, capsys):
+    mesh, _, cameras = product
+    assert step("assets", "bop", "--mesh", mesh, mesh, cameras=cameras, out=tmp_path / "2dgs.bop") == 1
+    assert "name one for each mesh" in capsys.readouterr().err

@@ -1,5 +1,7 @@
 """Cameras as a capture brings them: true ones, with noise, in metres."""
 
+from pathlib import Path
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -24,3 +26,11 @@ def given_cameras(cameras, position_m: float = 0.0, rotation_deg: float = 0.0, s
         images[camera.name] = GivenCamera(Lens.pinhole(camera.intrinsics, (camera.width_px, camera.height_px)), pose)
     deviations = (position_m or None, rotation_deg or None) if stated else (None, None)
     return GivenCameras(images, "a robot's arm", True, *deviations)
+
+
+def write_lenses(path: Path, names: dict[str, str] | None = None) -> GivenCameras:
+    """Write cameras.json of a ring of cameras whose poses are not known, some renamed."""
+    given = given_cameras(small_ring())
+    known = GivenCameras({(names or {}).get(name, name): GivenCamera(one.lens, None) for name, one in given.images.items()}, "a lab")
+    known.write(path)
+    return known

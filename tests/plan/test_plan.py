@@ -4,15 +4,15 @@ import os
 import re
 import time
 from copy import deepcopy
-from types import SimpleNamespace
 
 import pytest
 import yaml
 
+from helpers.given import given_cameras, small_ring, write_lenses
 from helpers.paths import REPOSITORY
 from zeroshop_steps import methods
 from zeroshop_steps.plan import Plan
-from zeroshop_steps.plan.datasets import require_known
+from zeroshop_steps.plan.datasets import Place, require_known
 from zeroshop_steps.plan.weights import list_files, list_sets, require_agreed
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import Failure, write_failure
@@ -22,16 +22,6 @@ ROW = dict.fromkeys(("images", "images_2", "images_3", "masks", "cameras", "dept
     **dict.fromkeys(("height_m", "picture_count", "number", "mass_kg"), None),
     "height_method": "",
 }
-
-
-class Place(SimpleNamespace):
-    """Stands for Snakemake's wildcards."""
-
-    def keys(self):
-        return vars(self).keys()
-
-    def __getitem__(self, name):
-        return vars(self)[name]
 
 
 def place(**names):
@@ -51,6 +41,13 @@ def make_plan(tmp_path, monkeypatch):
         return Plan(config, tmp_path, {("photos", name): {**ROW, **row} for name, row in (rows or {}).items()}, say)
 
     return make
+
+
+def test_an_export_of_photos_takes_all_objects_that_they_show(make_plan):
+    plan = make_plan({"table": {}, "table_1": {"scene_of": "table"}, "table_2": {"scene_of": "table"}, "cup": {}})
+    find = plan.of_each_in_photos("results/{dataset}/{object}/{nvs}.ply".format_map)
+    assert find(place(object="table")) == ["results/photos/table_1/2dgs.ply", "results/photos/table_2/2dgs.ply"]
+    assert find(place()) == ["results/photos/cup/2dgs.ply"]
 
 
 def test_config_keys_become_options(make_plan):
@@ -128,10 +125,15 @@ def test_a_height_is_measured_as_the_row_says(make_plan, tmp_path):
         "box": {"images": "images", "height_method": "depth_camera"},
         "mug": {"images": "images", "height_method": "depth_camera", "depth": "depth"},
         "jar": {"images": "images", "cameras": "cameras.json"},
+        "tin": {"images": "images", "cameras": "lenses.json"},
     }
+    given_cameras(small_ring()).write(tmp_path / "cameras.json")
+    write_lenses(tmp_path / "lenses.json")
     plan = make_plan(rows)
     named = {name: plan.height_method(place(object=name)) for name in rows}
-    assert named == {"cup": "known", "can": "none", "box": "depth_camera", "mug": "depth_camera", "jar": "given_cameras"}
+    assert named == {"cup": "known", "can": "none", "box": "depth_camera", "mug": "depth_camera", "jar": "given_cameras", "tin": "none"}
+    assert plan.chosen_run(place(object="jar"))["registration"] == "given"
+    assert plan.chosen_run(place(object="tin")) == plan.config["chosen"]["photos"], "lenses alone do not say where cameras stand"
     assert "--height-m 0.1" in plan.height_options(place())
     with pytest.raises(StepError, match="height_method depth_camera needs the folder of depth images in the column depth"):
         plan.height_options(place(object="box"))

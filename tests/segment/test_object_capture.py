@@ -5,8 +5,10 @@ import shutil
 import numpy as np
 import pytest
 
-from helpers.ball_scene import write_ball_scene
+from helpers.ball_scene import ball_cameras, write_ball_scene
 from helpers.small_networks import write_detector, write_tracker
+from zeroshop_steps.capture.cameras_json import GivenCamera, GivenCameras, Lens, read_given_cameras
+from zeroshop_steps.geometry.cameras.pinhole import write_cameras
 from zeroshop_steps.geometry.imaging.images import compute_overlap, list_images, read_mask, write_mask
 from zeroshop_steps.register.scene.image_set import read_image_set
 from zeroshop_steps.runtime.cli import stage_main
@@ -39,6 +41,26 @@ def test_given_masks_are_taken(pictures):
     assert len(read_image_set(folder / "object").masks) == 12
     facts = read_json(folder / "object/capture.json")
     assert facts["scene"] == "video_segmented" and facts["source_names"][3] == "IMG_3.jpg"
+
+
+def test_given_cameras_go_along_with_the_pictures_that_stay(pictures):
+    """Those of photos as they are keep their lenses; those of a registered scene have its lens, without distortion."""
+    folder, masks = pictures
+    paths = list_images(folder / "capture/images")
+    for path, mask in zip(paths, masks, strict=True):
+        write_mask(folder / "capture/masks" / f"{path.stem}.png", mask)
+    lens = Lens("SIMPLE_RADIAL", *masks[0].shape[::-1], (100.0, 80.0, 60.0, 0.1))
+    pose = np.eye(4)
+    GivenCameras({f"{path.stem}.jpg": GivenCamera(lens, pose) for path in paths}, "an arm").write(folder / "capture/cameras.json")
+    assert object_capture("capture") == 0
+    given = read_given_cameras(folder / "object/cameras.json")
+    assert list(given.images) == [path.name for path in paths] and given.source == "an arm" and given.has_poses
+    assert all(one.lens == lens for one in given.images.values())
+    assert set(read_image_set(folder / "object").lenses) == {path.stem for path in paths}
+    write_cameras(folder / "capture/sparse", ball_cameras())
+    assert object_capture("capture") == 0
+    given = read_given_cameras(folder / "object/cameras.json")
+    assert {one.lens.model for one in given.images.values()} == {"PINHOLE"} and given.has_poses
 
 
 @pytest.mark.slow

@@ -130,7 +130,7 @@ def check(source: Path) -> int:
 @_run_options
 @_of_mesh
 def export(kind: str, name: str, method: str, cores: int, into: Path) -> int:
-    """Export a mesh that was made: urdf, mjcf, usd, usdz, body, foundationpose, nerfstudio or colmap."""
+    """Export a mesh that was made: urdf, mjcf, usd, usdz, body, foundationpose, nerfstudio, colmap or bop."""
     from zeroshop_steps.app.reconstruct_object import find_outcome
 
     print(f"Export    {find_outcome(name, method, into, cores).export(kind)}")

@@ -18,7 +18,6 @@ from zeroshop_steps.runtime.files import atomic_write
 IMPORTED = Path("results") / "imported"
 STAMP = "imported_from.txt"
 BY_DEPTH = next(name for name, method in HEIGHTS.items() if "depth" in method.columns)
-LEAST_POSES = 3
 
 
 @dataclass(frozen=True)
@@ -28,13 +27,15 @@ class Source:
     Attributes:
         images: folder of photos, or a film.
         masks, depth: folders beside it.
-        cameras: cameras.json; empty also where it knows lenses alone.
+        cameras: cameras.json.
+        poses: whether that knows the poses, too, rather than lenses alone.
         height_method: by which the capture itself gives the size.
     """
 
     images: Path
     masks: str = ""
     cameras: str = ""
+    poses: bool = False
     depth: str = ""
     height_method: str = ""
 
@@ -89,14 +90,19 @@ def find_source(path: Path, folder: Path, name: str) -> Source:
     return Source(path)
 
 
+def brings_poses(cameras: str) -> bool:
+    """Whether a capture brings poses, by its column `cameras`; also where the file is gone since. Raises StepError where it is wrong."""
+    path = Path(cameras)
+    return bool(cameras) and (not path.is_file() or read_given_cameras(path).has_poses)
+
+
 def _read_common_form(folder: Path) -> Source:
     given = read_given_cameras(folder / FILE)
     parts = {part: str(folder / part) if (folder / part).is_dir() and list_folder(folder / part) else "" for part in ("masks", "depth")}
-    cameras = str(folder / FILE) if len(given.poses) >= LEAST_POSES else ""
-    method = BY_DEPTH if parts["depth"] and not (cameras and given.metric) else ""
+    method = BY_DEPTH if parts["depth"] and not (given.has_poses and given.metric) else ""
     said = [f"{len(given.poses)} of {len(given.images)} cameras", *(part for part, place in parts.items() if place)]
     print(f"{folder} brings {', '.join(said)} ({given.source})", file=sys.stderr)
-    return Source(folder / "images", **parts, cameras=cameras, height_method=method)
+    return Source(folder / "images", **parts, cameras=str(folder / FILE), poses=given.has_poses, height_method=method)
 
 
 def _describe_files(folder: Path) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from zeroshop_steps.app.captures_table import TABLE, Capture, add_capture, make_name, read_captures
-from zeroshop_steps.app.importing import find_source
+from zeroshop_steps.app.importing import brings_poses, find_source
 from zeroshop_steps.app.project_folders import provide_weights
 from zeroshop_steps.app.summary import describe_advice, describe_mesh, describe_unseen, describe_warnings, find_reason, name_photos
 from zeroshop_steps.app.workflow import JOINED_PHOTOS, count_more_frames, read_chosen_cell, run_workflow, settings_of_inputs
@@ -25,6 +25,7 @@ METHODS = tuple(SURFACES)
 EXPORTS = {
     "urdf": "{mesh}.urdf", "mjcf": "{mesh}.mjcf.xml", "usd": "{mesh}.usda", "usdz": "{mesh}.usdz", "body": "{mesh}.body",
     "foundationpose": "{mesh}.foundationpose", "nerfstudio": "{mesh}.nerfstudio", "colmap": "{mesh}.colmap",
+    "bop": "{mesh}.bop",
 }  # fmt: skip
 """What a mesh is exported as, and the target, by the path of the mesh without its suffix."""
 
@@ -82,7 +83,7 @@ class Request:
         name = make_name(Path(self.name)) if self.name else make_name(paths[0])
         first = find_source(paths[0], self.into.resolve(), name)
         sources = [first.images, *paths[1:]]
-        if first.cameras and len(paths) > 1:
+        if first.poses and len(paths) > 1:
             raise StepError(f"{paths[0]} brings its cameras, which go with one capture only; give one capture, or the photos alone")
         own_masks = first.masks or _find_own_masks(sources)
         own_height = "" if self.height_m is not None else first.height_method
@@ -96,7 +97,7 @@ class Request:
             masks=str(self.masks.resolve()) if self.masks else own_masks,
             picture_count=str(self.count or ""),
             depth=first.depth,
-            cameras=first.cameras,
+            cameras=first.cameras if len(paths) == 1 else "",
         )
 
 
@@ -174,7 +175,7 @@ def make_mesh(request: Request) -> Outcome:
     results = folder / "results/photos" / capture.object
     run = partial(run_for, request, settings, capture, f"{request.method}.ply")
     done = run()
-    scene, registration = read_chosen_cell(settings, bool(capture.cameras))
+    scene, registration = read_chosen_cell(settings, brings_poses(capture.cameras))
     if not (done or capture.picture_count or capture.images_2) and (count := count_more_frames(results / scene / registration)):
         print(f"The frames have no sure cameras; trying again with {count} of the film", file=sys.stderr)
         add_capture(folder, replace(capture, picture_count=str(count)))
@@ -206,7 +207,7 @@ def run_for(request: Request, settings: dict[str, Any], capture: Capture, target
 
 def describe_run(request: Request, settings: dict[str, Any], capture: Capture, done: bool) -> Outcome:
     """What came of the run for an object."""
-    scene, registration = read_chosen_cell(settings, bool(capture.cameras))
+    scene, registration = read_chosen_cell(settings, brings_poses(capture.cameras))
     folder = request.into.resolve()
     results = folder / "results/photos" / capture.object
     cell = results / (JOINED_PHOTOS if capture.images_2 else scene) / registration / request.method
@@ -226,7 +227,7 @@ def find_outcome(name: str, method: str = METHODS[0], into: Path = Path(), cores
         made = sorted(path.parent.name for path in folder.glob(f"results/photos/*/{method}.ply"))
         raise StepError(f"{mesh} does not exist; make it with `zeroshop PHOTOS`. Meshes made here: {', '.join(made) or 'none'}")
     captures = read_captures(folder)
-    scene, registration = read_chosen_cell({}, name in captures and bool(captures[name].cameras))
+    scene, registration = read_chosen_cell({}, name in captures and brings_poses(captures[name].cameras))
     scene = JOINED_PHOTOS if (results / JOINED_PHOTOS).is_dir() else scene
     log = results / "logs/zeroshop.log"
     return Outcome(True, mesh, results / scene / registration / method, log, folder, folder / TABLE, cores)

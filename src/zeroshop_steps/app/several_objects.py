@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from zeroshop_steps.app.captures_table import add_capture
+from zeroshop_steps.app.importing import brings_poses
 from zeroshop_steps.app.reconstruct_object import Outcome, Request, describe_run, prepare, run_for
 from zeroshop_steps.app.workflow import read_chosen_cell
 from zeroshop_steps.runtime.errors import StepError
@@ -33,7 +34,7 @@ def make_meshes(request: Request, objects: str) -> Iterator[Outcome]:
         )
     choose_numbers(objects, 100)
     settings, folder, capture = prepare(request)
-    scene, registration = read_chosen_cell(settings, bool(capture.cameras))
+    scene, registration = read_chosen_cell(settings, brings_poses(capture.cameras))
     listed = f"{scene}/{registration}/objects"
     if not run_for(request, settings, capture, listed):
         yield describe_run(request, settings, capture, False)

@@ -1,6 +1,6 @@
 """Masks, boxes and visibility of objects in a rendered image, as in BOP's mask/, mask_visib/ and scene_gt_info.json."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,10 @@ class Annotation:
     silhouette: np.ndarray
     visible: np.ndarray
     info: dict
+
+    def seen_as(self, visible: np.ndarray) -> "Annotation":
+        """The same with (height, width) bool visible pixels that are known otherwise, as from a photo's mask."""
+        return replace(self, visible=visible, info=self.info | _describe_visible(visible, self.info["px_count_all"]))
 
 
 def annotate(
@@ -52,13 +56,17 @@ def annotate(
     x, y, box_width, box_height = _bounding_box(wide > 0)
     info = {
         "bbox_obj": [x - width, y - height, box_width, box_height] if visible.any() else [-1, -1, -1, -1],
-        "bbox_visib": _bounding_box(visible),
         "px_count_all": count,
         "px_count_valid": int((measured_mm[silhouette] > 0).sum()),
-        "px_count_visib": int(visible.sum()),
-        "visib_fract": float(visible.sum() / count) if count else 0.0,
+        **_describe_visible(visible, count),
     }
     return Annotation(silhouette, visible, info)
+
+
+def _describe_visible(visible: np.ndarray, count: int) -> dict:
+    """What scene_gt_info.json says of (height, width) bool visible pixels, of so many in all."""
+    seen = int(visible.sum())
+    return {"bbox_visib": _bounding_box(visible), "px_count_visib": seen, "visib_fract": min(seen / count, 1.0) if count else 0.0}
 
 
 def _bounding_box(mask: np.ndarray) -> list[int]:

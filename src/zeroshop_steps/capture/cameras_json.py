@@ -9,7 +9,7 @@ pose that is not known is null.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json_value, write_json
 
 FILE = "cameras.json"
+LEAST_POSES = 3  # with two, nothing can be checked
 RIGID = 1e-3
 """By which a rotation's products of rows may differ from 1 and 0: files round to six digits, and single precision is enough."""
 MOST_UNKNOWN = 0.5  # share of the stated poses that may hold no numbers
@@ -92,6 +93,18 @@ class GivenCameras:
     def poses(self) -> dict[str, np.ndarray]:
         """{image name: (4, 4) camera_from_world} of those that are known."""
         return {name: one.camera_from_world for name, one in self.images.items() if one.camera_from_world is not None}
+
+    @property
+    def has_poses(self) -> bool:
+        """Whether enough poses are known to register by, rather than lenses alone."""
+        return len(self.poses) >= LEAST_POSES
+
+    def require(self, names: Sequence[str]) -> None:
+        """Raise StepError where an image of these has no entry."""
+        if missing := [name for name in names if name not in self.images]:
+            raise StepError(
+                f"the given cameras lack {len(missing)} of {len(names)} images, such as {missing[0]}; capture them together again"
+            )
 
     def write(self, path: Path) -> None:
         """Write cameras.json."""

@@ -251,15 +251,23 @@ class Captures(Datasets):
         names = ("film", "film_2") if self.is_filmed(wildcards.dataset) else ()
         return [f"{self.object}/{name}/truth".format(**wildcards) for name in names]
 
+    def brings_poses(self, wildcards: Wildcards) -> bool:
+        """Whether a capture brings the poses of its cameras, rather than lenses alone. Raises StepError where their file is wrong."""
+        if not self.row(wildcards)["cameras"]:
+            return False
+        from zeroshop_steps.capture.cameras_json import read_given_cameras  # loads COLMAP, which few captures need
+
+        return read_given_cameras(Path(self.find(wildcards, "cameras"))).has_poses
+
     def chosen_run(self, wildcards: Wildcards) -> dict[str, str]:
         """The scene and registration that the config chooses for an object; of one with several passes, the joined scene.
 
-        A capture that brings its cameras is registered by these.
+        A capture that brings poses is registered by these.
         """
         if self.is_virtual(wildcards.dataset):
             return self.config["chosen"]["virtual"]
         chosen = self.config["chosen"]["photos"]
-        if self.row(wildcards)["cameras"]:
+        if self.brings_poses(wildcards):
             return {"scene": WHOLE_SCENE, "registration": str(methods.BY_GIVEN_CAMERAS)}
         joined = chosen["scene"] == WHOLE_SCENE and self.later_passes(wildcards)
         return {**chosen, "scene": JOINED_PHOTOS} if joined else chosen

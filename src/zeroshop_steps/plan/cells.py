@@ -7,7 +7,7 @@ from typing import Any
 
 from zeroshop_steps import methods
 from zeroshop_steps.plan.captures import JOINED_PHOTOS, VIRTUAL_SCENES, WHOLE_SCENE, check_virtual_scene
-from zeroshop_steps.plan.datasets import InputFunction, Options, Wildcards
+from zeroshop_steps.plan.datasets import InputFunction, Options, Place, Wildcards
 from zeroshop_steps.plan.heights import Heights
 from zeroshop_steps.plan.surfaces import NAMED_AFTER
 from zeroshop_steps.runtime.errors import StepError
@@ -139,6 +139,17 @@ class Cells(Heights):
     def chosen_cameras(self, wildcards: Wildcards) -> str:
         """The registered photos behind the chosen mesh."""
         return f"{Path(self.chosen_cell(wildcards)).parent}/cameras"
+
+    def of_each_in_photos(self, find: Callable[[Wildcards], str]) -> InputFunction:
+        """An input function: what `find` gives for each object that the photos of one were found to show; for that one where none is."""
+
+        def files(wildcards: Wildcards) -> list[str]:
+            shown = [
+                name for (dataset, name), row in self.photos.items() if (dataset, row["scene_of"]) == (wildcards.dataset, wildcards.object)
+            ]
+            return [find(Place(**{**wildcards, "object": name})) for name in sorted(shown) or [wildcards.object]]
+
+        return files
 
     def chosen_quality(self, wildcards: Wildcards) -> list[str]:
         """The quality of the chosen cell, where there is a truth to measure against and cameras that align the mesh with it."""

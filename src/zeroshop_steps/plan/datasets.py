@@ -5,6 +5,7 @@ import os
 import shlex
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from zeroshop_steps import methods
@@ -14,6 +15,19 @@ from zeroshop_steps.runtime.errors import StepError
 
 Wildcards = Any
 """Snakemake's: the parts of a path as attributes, and by name as `**wildcards`."""
+
+
+class Place(SimpleNamespace):
+    """Such parts that no path has, like those of Snakemake."""
+
+    def keys(self) -> Iterable[str]:
+        """The names of the parts."""
+        return vars(self).keys()
+
+    def __getitem__(self, name: str) -> str:
+        return str(vars(self)[name])
+
+
 InputFunction = Callable[[Wildcards], list[str]]
 Options = Mapping[str, Any]
 NOTHING = "(?!)"

@@ -21,7 +21,7 @@ class Heights(Surfaces):
         if self.is_virtual(wildcards.dataset):
             return KNOWN_HEIGHT
         row = self.row(wildcards)
-        without = str(methods.HEIGHT_BY_GIVEN_CAMERAS) if row["cameras"] else UNKNOWN_HEIGHT
+        without = str(methods.HEIGHT_BY_GIVEN_CAMERAS) if self.brings_poses(wildcards) else UNKNOWN_HEIGHT
         return self.usable("height method", row["height_method"] or (without if row["height_m"] is None else KNOWN_HEIGHT), self.heights)
 
     def height(self, wildcards: Wildcards) -> Method:

@@ -44,7 +44,7 @@ from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import scratch_directory
 from zeroshop_steps.runtime.progress import track
 
-CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads", "device"))
+CACHED = Cached(inputs=("capture/images", "capture/masks", "capture/cameras.json", "weights"), ignored=("threads", "device"))
 MARGIN = 0.08  # around the object, as a share of its size in the image
 LARGEST_SCALE = 4.0  # beyond it, enlarging shows nothing more
 Match = Callable[[int, int], tuple[np.ndarray, np.ndarray]]

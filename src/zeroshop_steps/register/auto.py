@@ -28,7 +28,7 @@ from zeroshop_steps.register.verification import predicted_masks
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import scratch_directory
 
-CACHED = Cached(inputs=("capture/images", "capture/masks", "weights", "network"), ignored=("threads", "device"))
+CACHED = Cached(inputs=("capture/images", "capture/masks", "capture/cameras.json", "weights", "network"), ignored=("threads", "device"))
 METHOD = {"title": "automatic", "rank": 4, "tries": ("colmap", "aliked"), "saliency": True}
 
 

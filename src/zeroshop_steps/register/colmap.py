@@ -33,7 +33,7 @@ from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import scratch_directory
 
-CACHED = Cached(inputs=("capture/images", "capture/masks"), ignored=("threads",))
+CACHED = Cached(inputs=("capture/images", "capture/masks", "capture/cameras.json"), ignored=("threads",))
 
 Start = Callable[[Path], tuple[pycolmap.Reconstruction, dict[str, Any]]]
 """Gives a model from a database of verified matches, and entries of the record."""
@@ -242,8 +242,8 @@ def match_images(
     stopwatch: Stopwatch,
     lenses: dict[str, pycolmap.Camera] | None = None,
 ) -> ViewGraph:
-    """Write the features of all images and their verified matches into a new database; `lenses` are those that are known, by image stem."""
-    structure, count = options.structure, len(image_set.images)
+    """Write the features of all images and their verified matches into a new database; `lenses` are others than came with the capture."""
+    structure, count, lenses = options.structure, len(image_set.images), lenses or image_set.lenses
     mask_folder = database.parent / "masks" if structure.object_only else None
     median_features, first_octave = extract_features(database, image_set, options.sift, mask_folder, lenses)
     focal_source = "given" if lenses or options.sift.focal_px is not None else find_focal_source(database)

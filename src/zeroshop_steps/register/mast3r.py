@@ -31,7 +31,7 @@ from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import scratch_directory
 from zeroshop_steps.runtime.progress import track
 
-CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads", "device"))
+CACHED = Cached(inputs=("capture/images", "capture/masks", "capture/cameras.json", "weights"), ignored=("threads", "device"))
 # For images without a surface, which have fewer matches: more pairs, and less sure matches.
 ANCHORS_WITHOUT_SURFACE = 30
 CONFIDENCE_WITHOUT_SURFACE = 0.01

@@ -13,7 +13,7 @@ from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
 from zeroshop_steps.segment.cues.fusion import estimate_odds
 from zeroshop_steps.segment.mask_hull import Solution, close_holes, solve
-from zeroshop_steps.segment.objects import VOTE_ODDS, NothingFound, SceneObjects, TwoObjects, cut_block, find_objects
+from zeroshop_steps.segment.objects import VOTE_ODDS, NothingFound, Room, SceneObjects, TwoObjects, cut_block, find_objects, fit_room
 from zeroshop_steps.segment.outlines.windows import CLOSER, choose_windows, lay_back, scale_windows
 from zeroshop_steps.segment.photometry.exposure import Exposure
 from zeroshop_steps.segment.quality.mask_quality import MaskQuality, MasksRejected, compare_with_hull, describe_quality
@@ -27,6 +27,7 @@ WIDTH_PX = 480  # masks are cut at this width at most; time grows with its squar
 SURE, LEAST = 0.85, 0.66
 """The probability from which on no other hypothesis is tried, and below which masks are refused: the least that refuses all masks of the
 tune half which overlap with the truth by less than 0.8, their object left out of the fit."""
+MOST_ROOMS = 4  # that are tried for an object
 EQUAL, RIVAL = 0.9, 0.6  # how likely another object is meant: either may be, and it is tried, too
 LEAST_HALF, LEAST_COMMON = 6, 0.3  # photos in half of the capture, and share of the voxels that both halves show of an object that stays
 SETTLED = 0.003  # a plane that moves less than this, in distances of the cameras, needs no new masks
@@ -127,7 +128,7 @@ def try_support(
     """
     if place is not None:
         support, found, odds = find_all_on(scene, candidate)
-        yield _cut_out(scene, candidate, support, found, found.find_at(place), odds, network, without, None)
+        yield from _cut_out(scene, candidate, support, found, found.find_at(place), odds, network, without, None)
         return
     support, found, odds = find_on(scene, candidate, without)
     rival = found.measure_rival(1)
@@ -137,7 +138,7 @@ def try_support(
             " of the photos"
         )
     for number in (1, 2)[: 1 if rival < RIVAL else 2]:
-        yield _cut_out(scene, candidate, support, found, number, odds, network, without, found.measure_rival(number))
+        yield from _cut_out(scene, candidate, support, found, number, odds, network, without, found.measure_rival(number))
 
 
 def find_on(
@@ -164,13 +165,36 @@ def _cut_out(
     network: SalientObjectNetwork | None,
     without: Sequence[str],
     rival: float | None,
-) -> Hypothesis:
-    """Masks of the object of this number; `odds`, (h, w), of the whole photos found it.
+) -> Iterator[Hypothesis]:
+    """Masks of the object of this number, and, where it touches the end of its room, in longer ones; `odds`, (h, w), found it.
 
     `rival` is how likely another one is meant; None where the user said which, and it does not matter what the network sees in the photos.
     """
-    block = cut_block(found, number)
-    closer_scene, closer_support = look_closer(scene, support, block.grid, block.occupied, network)
+    room = Room(own := found.labels == number, own)
+    for _ in range(MOST_ROOMS):
+        hypothesis = _solve_in(room, scene, candidate, support, found, number, odds, network, without, rival)
+        yield hypothesis
+        fitted = fit_room(found, room, hypothesis.solution.grid, hypothesis.solution.occupied)
+        if fitted is None:
+            return
+        room = fitted
+
+
+def _solve_in(
+    room: Room,
+    scene: MaskScene,
+    candidate: Candidate,
+    support: SceneSupport | None,
+    found: SceneObjects,
+    number: int,
+    odds: Sequence[np.ndarray],
+    network: SalientObjectNetwork | None,
+    without: Sequence[str],
+    rival: float | None,
+) -> Hypothesis:
+    """Masks of the object of this number in one room."""
+    block = cut_block(found, number, room)
+    closer_scene, closer_support = look_closer(scene, support, block.grid, block.reach, network)
     votes = count_votes(block.grid, block.index, scene.cameras, odds, VOTE_ODDS)
     solution = solve(closer_scene, closer_support, block, votes, without)
     settled = None

@@ -8,12 +8,15 @@ finds them.
 import argparse
 import importlib
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
+from zeroshop_steps.capture.cameras_json import FILE, GivenCameras, Lens, read_given_cameras
+from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
 from zeroshop_steps.geometry.imaging.images import list_images, read_image, read_mask, write_image, write_mask
 from zeroshop_steps.methods import SEGMENTATIONS
 from zeroshop_steps.runtime.files import atomic_directory, link_or_copy, read_json, write_json
@@ -57,7 +60,25 @@ def run(args: argparse.Namespace) -> None:
             finder = load_finder(args.segmentation)
             masks, record = finder.mask_photos(paths, sizes_px, parse_options(finder, args.options))
     record["seconds"] = round(time.monotonic() - start_s, 2)
-    write_capture(args.out, paths, masks, record, read_json(args.capture / "capture.json"))
+    facts, cameras = read_json(args.capture / "capture.json"), _read_cameras(args.capture / FILE, args.pictures, paths)
+    write_capture(args.out, paths, masks, record, facts, cameras)
+
+
+def _read_cameras(path: Path, pictures: Path, paths: list[Path]) -> GivenCameras | None:
+    """The cameras that came with a capture, for the pictures of its photos; those of a registered scene are undistorted, by its lenses."""
+    if not path.is_file():
+        return None
+    given = read_given_cameras(path)
+    lenses: dict[str, Lens] = {}
+    if (pictures / "sparse").is_dir():
+        cameras = read_sparse_model(pictures / "sparse").cameras
+        lenses = {Path(one.name).stem: Lens.pinhole(one.intrinsics, (one.width_px, one.height_px)) for one in cameras}
+    by_stem = {Path(name).stem: one for name, one in given.images.items()}
+    known = [picture for picture in paths if picture.stem in by_stem]
+    cameras_of = {
+        picture.name: replace(by_stem[picture.stem], lens=lenses.get(picture.stem, by_stem[picture.stem].lens)) for picture in known
+    }
+    return replace(given, images=cameras_of)
 
 
 def load_finder(name: str) -> ModuleType:
@@ -73,8 +94,17 @@ def parse_options(finder: ModuleType, options: list[str]) -> argparse.Namespace:
     return parser.parse_args(options)
 
 
-def write_capture(out: Path, paths: list[Path], masks: list[np.ndarray], record: dict[str, Any], facts: dict[str, Any]) -> None:
+def write_capture(
+    out: Path,
+    paths: list[Path],
+    masks: list[np.ndarray],
+    record: dict[str, Any],
+    facts: dict[str, Any],
+    cameras: GivenCameras | None = None,
+) -> None:
     """Write images/, masks/, capture.json, segmentation.json and contact_sheet.png, without the pictures whose mask was dropped.
+
+    Cameras of the pictures, where they came with these, are written to cameras.json.
 
     Args:
         out: folder to write.
@@ -93,4 +123,6 @@ def write_capture(out: Path, paths: list[Path], masks: list[np.ndarray], record:
         write_json(folder / "capture.json", {**facts, "scene": SCENE, "images": len(paths) - len(dropped), "seconds": record["seconds"]})
         write_json(folder / RECORD, record)
         write_image(folder / "contact_sheet.png", draw_mask_sheet(paths, masks, dropped))
+        if cameras is not None:
+            cameras.write(folder / FILE)
     warn_of_dropped(record)

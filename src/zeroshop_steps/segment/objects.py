@@ -1,5 +1,6 @@
 """Every object on the support, and which of them is meant."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ NEAR_VOXELS = 4  # of the listed middle of an object, by which another plane, or
 BRIDGE_VOXELS = 1  # a bridge no wider than twice this does not join two objects
 FINE_VOXELS = 96  # along the longest edge of the block around an object
 MARGIN = 0.15  # of that block around the object, as a share of its size
+LEAST_TOUCHING = 0.01  # of a hull's voxels at the end of its room; fewer are noise of its outline
 CENTRE_WEIGHT, CUT_OFF_WEIGHT = 3.0, 1.0
 """What it costs an object to lie off the photos' middle, by half their diagonal, and outside of them, beside the logarithm of its size."""
 
@@ -72,13 +74,27 @@ class SceneObjects:
 
 
 @dataclass(frozen=True)
+class Room:
+    """Where an object may be, in voxels of the searched block.
+
+    Attributes:
+        own: (X, Y, Z) bool: the object as far as it is known.
+        reach: (X, Y, Z) bool: the room is this with a margin around it.
+    """
+
+    own: np.ndarray
+    reach: np.ndarray
+
+
+@dataclass(frozen=True)
 class ObjectBlock:
     """A fine block of voxels around one object.
 
     Attributes:
         grid: the block, of `FINE_VOXELS` along its longest side.
         allowed: (X, Y, Z) bool: voxels that may be its own.
-        occupied: (X, Y, Z) bool: voxels of the object as it was found.
+        occupied: (X, Y, Z) bool: voxels of the object as far as it is known.
+        reach: (X, Y, Z) bool: these, and those up to which it may reach.
         ground_voxel: height of the support plane above the block's foot, in voxels; below 0 where there is none.
         other_points: world positions (P, 3) of the centres of the other objects' voxels; `other_side` is the edge of these.
     """
@@ -86,6 +102,7 @@ class ObjectBlock:
     grid: VoxelGrid
     allowed: np.ndarray
     occupied: np.ndarray
+    reach: np.ndarray
     ground_voxel: float
     other_points: np.ndarray
     other_side: float
@@ -138,24 +155,68 @@ def find_objects(
     return SceneObjects(grid, order[labels], ground_voxel, tuple(ratings[name] for name in ranks))
 
 
-def cut_block(found: SceneObjects, number: int) -> ObjectBlock:
-    """The fine block around the object of this number."""
-    own, others = found.labels == number, (found.labels > 0) & (found.labels != number)
-    index = np.argwhere(own)
-    low, high = index.min(0), index.max(0) + 1
-    margin = max(2, int(np.ceil(MARGIN * (high - low).max())))
-    low, high = np.maximum(low - margin, 0), np.minimum(high + margin, own.shape)
+def cut_block(found: SceneObjects, number: int, room: Room) -> ObjectBlock:
+    """The fine block around the object of this number, in its room."""
+    others = (found.labels > 0) & (found.labels != number)
+    index = np.argwhere(room.reach)
+    margin = _find_margin(room.reach)
+    low, high = np.maximum(index.min(0) - margin, 0), np.minimum(index.max(0) + 1 + margin, others.shape)
     side = found.grid.side * float((high - low).max()) / FINE_VOXELS
     shape = tuple(np.ceil((high - low) * found.grid.side / side - 1e-6).astype(int).tolist())
     fine = VoxelGrid(found.grid.axes, found.grid.origin + low * found.grid.side @ found.grid.axes, side, shape)
-    # The object reaches the ground, even where its foot looks like it.
-    near = ndimage.distance_transform_edt(~(_fill_down(own) if found.ground_voxel >= 0 else own))
-    rival = ndimage.distance_transform_edt(~others) if others.any() else np.full(own.shape, np.inf)
-    room = (near <= margin) & (near < rival)
-    coarse = np.minimum(((np.argwhere(np.ones(shape, bool)) + 0.5) * side / found.grid.side).astype(int) + low, np.array(own.shape) - 1)
-    allowed, occupied = (part[tuple(coarse.T)].reshape(shape) for part in (room, own))
+    near, nearest_own = (ndimage.distance_transform_edt(~_find_standing(found, part)) for part in (room.reach, room.own))
+    rival = ndimage.distance_transform_edt(~others) if others.any() else np.full(others.shape, np.inf)
+    free = (near <= margin) & (nearest_own < rival)
+    coarse = np.minimum(((np.argwhere(np.ones(shape, bool)) + 0.5) * side / found.grid.side).astype(int) + low, np.array(others.shape) - 1)
+    allowed, occupied, reach = (part[tuple(coarse.T)].reshape(shape) for part in (free, room.own, room.reach))
     ground = (found.ground_voxel - float(low[2])) * found.grid.side / side if found.ground_voxel >= 0 else -1.0
-    return ObjectBlock(fine, allowed, occupied, ground, found.grid.centres(np.argwhere(others)), found.grid.side)
+    return ObjectBlock(fine, allowed, occupied, reach, ground, found.grid.centres(np.argwhere(others)), found.grid.side)
+
+
+def fit_room(found: SceneObjects, room: Room, grid: VoxelGrid, hull: np.ndarray) -> Room | None:
+    """The room for what was solved in another one: longer by its size where it touches the end of that one, else just around it.
+
+    A room ends at a margin around the object as it was found; but that may lack a part, such as one that some photos cut off.
+
+    Args:
+        found, room: the objects, and the present room.
+        grid, hull: the block, and (X, Y, Z) bool: what was solved in it.
+
+    Returns:
+        None where the present room does.
+    """
+    index, inside = found.grid.locate(grid.centres(np.argwhere(hull)))
+    own = np.zeros(room.reach.shape, bool)
+    own[tuple(index[inside].T)] = True
+    near, nearest = ndimage.distance_transform_edt(~_find_standing(found, room.reach), return_indices=True)
+    ends = np.argwhere(own & (near > _find_margin(room.reach) - 1))
+    ways = ends - nearest[:, *ends.T].T
+    axes = np.abs(ways).argmax(1)
+    signs = np.sign(np.take_along_axis(ways, axes[:, None], 1)[:, 0])
+    longest, longer = int(np.ptp(np.argwhere(own), axis=0).max()) + 1, own
+    for axis, sign in itertools.product(range(own.ndim), (-1, 1)):
+        if ((axes == axis) & (signs == sign)).sum() >= LEAST_TOUCHING * own.sum():
+            longer = longer | _sweep(own, axis, sign, longest)
+    return Room(own, longer) if longer is not own or room.reach is not room.own else None
+
+
+def _find_margin(reach: np.ndarray) -> int:
+    """How many voxels a room extends beyond (X, Y, Z) bool."""
+    return max(2, int(np.ceil(MARGIN * (np.ptp(np.argwhere(reach), axis=0) + 1).max())))
+
+
+def _find_standing(found: SceneObjects, own: np.ndarray) -> np.ndarray:
+    """(X, Y, Z) bool voxels down to the ground, which an object reaches even where its foot looks like it."""
+    return np.asarray(np.flip(np.maximum.accumulate(np.flip(own, 2), axis=2), 2)) if found.ground_voxel >= 0 else own
+
+
+def _sweep(own: np.ndarray, axis: int, sign: int, count: int) -> np.ndarray:
+    """The (X, Y, Z) bool voxels moved along an axis, up or down, by 0 to `count` voxels."""
+    swept = own.copy()
+    along = np.moveaxis(swept, axis, 0)[::sign]
+    for _ in range(count):
+        along[1:] |= along[:-1]
+    return swept
 
 
 def _label(occupied: np.ndarray, stands: bool) -> tuple[np.ndarray, int]:
@@ -182,8 +243,3 @@ def _rate(grid: VoxelGrid, own: np.ndarray, cameras: Sequence[Camera]) -> float:
         sizes.append(np.sqrt(len(rows)) / half_diagonal)
         outside.append(1 - camera.find_pixels(points)[3].mean())
     return float(np.log(np.median(sizes) + 1e-3) - CENTRE_WEIGHT * np.median(asides) - CUT_OFF_WEIGHT * np.median(outside))
-
-
-def _fill_down(occupied: np.ndarray) -> np.ndarray:
-    """The voxels and all voxels below them."""
-    return np.asarray(np.flip(np.maximum.accumulate(np.flip(occupied, 2), axis=2), 2))

@@ -11,7 +11,7 @@ import pytest
 
 from helpers.given import given_cameras, small_ring
 from zeroshop_steps.app.command import main
-from zeroshop_steps.app.importing import find_source, import_capture
+from zeroshop_steps.app.importing import brings_poses, find_source, import_capture
 from zeroshop_steps.app.reconstruct_object import Request
 from zeroshop_steps.app.workflow import read_chosen_cell
 from zeroshop_steps.capture.adapters import find_adapters, recognize
@@ -145,8 +145,16 @@ def test_foundationposes_folder_brings_depth_but_no_poses(tmp_path):
     write_foundationpose(tmp_path / "000005")
     source = find_source(tmp_path / "000005", tmp_path, "box")
     given = read_given_cameras(source.images.parent / "cameras.json")
-    assert not given.poses and not source.cameras and source.height_method == "depth_camera" and source.masks
+    assert not given.poses and not source.poses and source.height_method == "depth_camera" and source.masks
+    assert source.cameras and not brings_poses(source.cameras), "its lenses are known"
     assert given.images["000000.png"].lens == Lens("PINHOLE", 160, 120, (300.0, 300.0, 80.0, 60.0))
+
+
+@pytest.mark.parametrize("name", ["obj_000005_up", "obj_000005_down", "obj_000005"])
+def test_bops_onboarding_sequences_are_read_by_their_names(name, tmp_path):
+    write_bop(tmp_path / name)
+    import_capture(tmp_path / name, tmp_path / "ours", ImportOptions(object_id=5))
+    assert len(read_given_cameras(tmp_path / "ours/cameras.json").poses) == len(NAMES)
 
 
 def test_a_real_foundationpose_folder_is_recognized(shared_data):

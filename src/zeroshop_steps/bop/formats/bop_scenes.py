@@ -6,6 +6,7 @@ at (0.5, 0.5).
 
 import functools
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,8 @@ from zeroshop_steps.runtime.files import read_json, write_json
 
 HALF_PX = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 """The project's intrinsics minus BOP's: the project counts pixels from their corners, BOP from their centres."""
+FOLDER_NAME = re.compile(r"(obj_)?(?P<number>\d+)(_up|_down)?")
+"""Of scenes, `000048`, and of onboarding sequences, `obj_000005_up`, `obj_000005_down` (static) and `obj_000005` (dynamic)."""
 IMAGE_SUFFIXES = (".png", ".jpg", ".tif")
 FARTHEST_MM = 1e5  # median depth above which millimetres were taken for metres
 LEAST_FOCAL_PX = 10.0  # less is that of a camera matrix for an image of width 1
@@ -177,7 +180,7 @@ def read_scene(folder: Path, truth_needed: bool = True) -> dict[int, Frame]:
     """Read scene_camera.json, scene_gt.json and, if it exists, scene_gt_info.json from a scene's folder.
 
     Args:
-        folder: named by the scene's number.
+        folder: named by the scene's number, or as an onboarding sequence, by the object's.
         truth_needed: if False, scene_gt.json may be missing, as for images without annotations.
 
     Returns:
@@ -187,8 +190,8 @@ def read_scene(folder: Path, truth_needed: bool = True) -> dict[int, Frame]:
         StepError: a file is missing or has the wrong form, a depth scale is not positive, or a pose is no pose in millimetres.
     """
     folder = Path(folder)
-    if not folder.name.isdigit():
-        raise StepError(f"{folder} is not named by a scene's number, such as 000048")
+    if not FOLDER_NAME.fullmatch(folder.name):
+        raise StepError(f"{folder} is not named by a scene's number, such as 000048, or as an onboarding sequence, such as obj_000005_up")
     cameras = read_validated(folder / "scene_camera.json", "scene_camera")
     if not truth_needed and not (folder / "scene_gt.json").is_file():
         return {int(number): _make_frame(folder, int(number), camera, [], []) for number, camera in cameras.items()}
@@ -271,7 +274,9 @@ def _make_frame(folder: Path, number: int, camera: dict, instances: list[dict], 
         )
         for entry, detail in zip(instances, details, strict=True)
     )
-    return Frame(int(folder.name), number, intrinsics, scale, world, read, folder)
+    found = FOLDER_NAME.fullmatch(folder.name)
+    assert found is not None, "read_scene checked its name"
+    return Frame(int(found["number"]), number, intrinsics, scale, world, read, folder)
 
 
 @functools.cache

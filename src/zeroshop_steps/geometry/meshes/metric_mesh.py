@@ -37,6 +37,11 @@ def add_mesh_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mesh", type=Path, required=True, help="finished mesh in mm with its JSON beside it, or a true model with its model_info.json"
     )
+    add_unknown_scale_argument(parser)
+
+
+def add_unknown_scale_argument(parser: argparse.ArgumentParser) -> None:
+    """What to do with meshes of unknown scale."""
     parser.add_argument(
         "--unknown-scale",
         choices=[REFUSE, MILLIMETRES],

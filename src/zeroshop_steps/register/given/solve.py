@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.capture.cameras_json import GivenCameras
+from zeroshop_steps.capture.cameras_json import LEAST_POSES, GivenCameras
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.support.scene_support import find_focus
 from zeroshop_steps.register.colmap import ColmapOptions, match_images
@@ -24,7 +24,6 @@ from zeroshop_steps.register.verification.consistency import ConsistencyReport, 
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import scratch_directory
 
-LEAST_KNOWN = 3  # poses: with two, nothing can be checked
 DISTANCE_M = (0.01, 30.0)  # of a camera from what all look at; beyond, another unit was meant
 FEW_OBSERVATIONS = 100
 """Points seen by an image, in the mean: with fewer, the pictures neither move nor confirm given cameras, and that is told."""
@@ -65,12 +64,11 @@ def register(image_set: ImageSet, given: GivenCameras, out: Path, options: Colma
         StepError: an image has no lens, or too few have poses.
     """
     names = image_set.names
-    if missing := [name for name in names if name not in given.images]:
-        raise StepError(f"the given cameras lack {len(missing)} of {len(names)} images, such as {missing[0]}; capture them together again")
+    given.require(names)
     poses = {name: pose for name, pose in given.poses.items() if name in names}
-    if len(poses) < LEAST_KNOWN:
+    if len(poses) < LEAST_POSES:
         raise StepError(
-            f"{len(poses)} of {len(names)} images have a given pose, {LEAST_KNOWN} are needed; let cameras be estimated (colmap) instead"
+            f"{len(poses)} of {len(names)} images have a given pose, {LEAST_POSES} are needed; let cameras be estimated (colmap) instead"
         )
     options = replace(options, sift=fit_to_count(options.sift, len(names)))
     stopwatch = Stopwatch()

@@ -7,7 +7,9 @@ from typing import Any, TypeVar
 
 import cv2
 import numpy as np
+import pycolmap
 
+from zeroshop_steps.capture.cameras_json import FILE, read_given_cameras
 from zeroshop_steps.geometry.imaging.images import list_images, read_image, read_mask, require_one_size
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
@@ -29,6 +31,7 @@ class ImageSet:
         film: whether the images are frames of a film, named by their place in it.
         cuts: places of the frames before which the film was cut.
         masks_found: whether the masks were not given, but found in each image: good to a pixel at best.
+        lenses: {image stem: camera} that came with the capture, from which registrations start; None where they are not known.
     """
 
     images: tuple[Path, ...]
@@ -38,6 +41,7 @@ class ImageSet:
     film: bool = False
     cuts: tuple[int, ...] = ()
     masks_found: bool = False
+    lenses: dict[str, pycolmap.Camera] | None = None
 
     @property
     def names(self) -> list[str]:
@@ -75,10 +79,10 @@ class ImageSet:
 
 
 def read_image_set(capture: Path) -> ImageSet:
-    """List and check `capture`/images and, where it exists, `capture`/masks.
+    """List and check `capture`/images and, where they exist, `capture`/masks and the lenses of `capture`/cameras.json.
 
     Raises:
-        StepError: too few images, an unreadable one, a mask that is missing, empty, full or of another size.
+        StepError: too few images, an unreadable one, a mask that is missing, empty, full or of another size, or a lens that is missing.
     """
     capture = Path(capture)
     images = list_images(capture / "images")
@@ -108,7 +112,17 @@ def read_image_set(capture: Path) -> ImageSet:
     record = read_json(path) if path.is_file() else {}
     film = [path.stem for path in images] == [f"{place:06d}" for place in range(len(record.get("source_frames", [])))]
     sources, cuts = _read_sources(record, images), tuple(record.get("cuts", ()))
-    return ImageSet(tuple(images), None if masks is None else tuple(masks), tuple(sizes_px), sources, film, cuts)
+    lenses = _read_lenses(capture / FILE, [path.name for path in images])
+    return ImageSet(tuple(images), None if masks is None else tuple(masks), tuple(sizes_px), sources, film, cuts, lenses=lenses)
+
+
+def _read_lenses(path: Path, names: list[str]) -> dict[str, pycolmap.Camera] | None:
+    """The lenses of a capture that knows them, by the images' stems."""
+    if not path.is_file():
+        return None
+    given = read_given_cameras(path)
+    given.require(names)
+    return {Path(name).stem: given.images[name].lens.to_colmap() for name in names}
 
 
 def _read_sources(record: dict[str, Any], images: list[Path]) -> tuple[str, ...]:

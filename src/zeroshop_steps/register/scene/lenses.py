@@ -40,12 +40,16 @@ def group_by_lens(image_set: ImageSet) -> list[list[str]]:
 def import_images(database: Path, image_set: ImageSet, focal_px: float | None = None, distorted: bool = True) -> None:
     """Write a camera for each lens, and all images, into a new database; the mapper finds the lenses' parameters.
 
+    It starts from lenses that came with the capture, where there are any, whatever else is known.
+
     Args:
         database: file to create.
         image_set: what to import.
         focal_px: known focal length, in pixels of the largest images; None reads EXIF, else estimates it from the longer side.
         distorted: whether lenses may be distorted; points of an object in the middle of the images do not tell.
     """
+    if image_set.lenses is not None:
+        return import_with_cameras(database, image_set, image_set.lenses)
     sizes = dict(zip(image_set.names, image_set.sizes_px, strict=True))
     paths = dict(zip(image_set.names, image_set.images, strict=True))
     longest_px = max(map(max, image_set.sizes_px))

@@ -74,12 +74,15 @@ def measure(scene: MaskScene, solution: Solution, qualities: Sequence[MaskQualit
     if looks:
         best = [max(compute_overlap(mask, seen > 0.5) for seen in maps) for mask, maps in zip(masks, zip(*looks, strict=True), strict=True)]
         difference = 1 - float(np.median(best))
-    contradictions = [min(quality.disagreement or 0.0, 1.0) for quality in qualities]
+    # Photos beside which the object lies say nothing; some of several objects do so in many.
+    shown = [mask.any() or hull.any() for mask, hull in zip(masks, solution.hulls, strict=True)]
+    judged = [quality for quality, of_object in zip(qualities, shown, strict=True) if of_object]
+    contradictions = [min(quality.disagreement or 0.0, 1.0) for quality in judged]
     return Measures(
         rival=rival,
         contradiction=float(np.median(contradictions)),
         mean_contradiction=float(np.mean(contradictions)),
-        faulty=float(np.mean([quality.fault is not None for quality in qualities])),
+        faulty=float(np.mean([quality.fault is not None for quality in judged])),
         network_difference=difference,
         points_missed=_measure_missed(scene, solution),
         points_contradicted=_measure_contradicted(scene, solution, masks),
