@@ -1,5 +1,8 @@
 """What `snakemake -n` plans for photos."""
 
+import json
+
+import numpy as np
 import pytest
 
 from helpers.plans import PHOTO_CELL, photo_table
@@ -21,8 +24,11 @@ def test_photos(snakemake, tmp_path):
 def test_photos_that_bring_their_cameras(snakemake, tmp_path):
     """They are registered by these, whatever the config chooses for others, and take the height from them unless it is given."""
     (tmp_path / "cup/images").mkdir(parents=True)
-    for path in ("cup/images/a.png", "cup/cameras.json", "can.mp4"):
+    for path in ("cup/images/a.png", "can.mp4"):
         (tmp_path / path).touch()
+    lens = {"model": "PINHOLE", "width_px": 64, "height_px": 48, "params": [60.0, 60.0, 32.0, 24.0]}
+    given = {f"{name}.png": {"lens": lens, "camera_from_world": np.eye(4).tolist()} for name in "abc"}
+    (tmp_path / "cup/cameras.json").write_text(json.dumps({"images": given}))
     table = tmp_path / "objects.tsv"
     header, images, cameras = "dataset\tobject\timages\tmasks\theight_m\tcameras", tmp_path / "cup/images", tmp_path / "cup/cameras.json"
     table.write_text(f"{header}\nphotos\tcup\t{images}\t\t\t{cameras}\nphotos\tmug\t{images}\t\t0.1\t{cameras}\n")

@@ -22,6 +22,7 @@ AXES, ANGLES = 200, 24  # of the turns that are tried: 15 degrees apart
 COARSE_VIEWS, COARSE_RAYS, COARSE_POINTS, FARTHEST_PX = 8, 160, 6, 200.0  # of the thinned groups
 NEAR_DEG, TRIED = 20.0, 60  # best turns that are refined coarsely, so far from each other
 COARSE_STEP, COARSE_LOSS_PX, COARSE_EVALUATIONS = 1e-2, 5.0, 12
+REFINED = 6  # of the ways that are found coarsely
 
 
 def find_ways_by_outlines(target: CameraGroup, source: CameraGroup) -> list[Hypothesis]:
@@ -35,7 +36,7 @@ def find_ways_by_outlines(target: CameraGroup, source: CameraGroup) -> list[Hypo
     found = _refine_coarsely(few, starts)
     # What is nearly its own mirror image or half turn fits nearly as well so, however few of the turns above begin near it.
     found = keep_distinct(found + _refine_coarsely(few, [found[0].target_from_source @ turn for turn in _make_half_turns(source)]))
-    return keep_distinct([refine(target, source, one.target_from_source) for one in found[:6]])[:MOST_WAYS]
+    return keep_distinct([refine(target, source, one.target_from_source) for one in found[:REFINED]])[:MOST_WAYS]
 
 
 def _thin(group: CameraGroup) -> CameraGroup:
