@@ -1,9 +1,14 @@
 """Matching of descriptors, against a readable twin."""
 
+from pathlib import Path
+
 import numpy as np
+import pycolmap
 import pytest
 
+from zeroshop_steps.register.features.sift import SiftOptions
 from zeroshop_steps.register.matching.descriptor_matches import BLOCK_ROWS, LARGEST_ANGLE, LARGEST_RATIO, match_descriptors
+from zeroshop_steps.register.matching.verified_matches import LEAST_PROBES_MATCHED, PROBES, match_features
 
 
 def make_descriptors(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -50,3 +55,26 @@ def test_few_descriptors_or_none(one: int, other: int) -> None:
     descriptors = make_descriptors(np.random.default_rng(0), 3)
     found = match_descriptors(descriptors[:one], descriptors[:other])
     assert found.shape == ((1, 2) if one and other else (0, 2))
+
+
+def test_a_pair_whose_largest_features_do_not_match_has_no_matches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Probes have numbers of their own, which must not be taken for those of features."""
+    rng = np.random.default_rng(0)
+    described = [make_descriptors(rng, PROBES + 300) for _ in range(2)]
+    described[1][:LEAST_PROBES_MATCHED] = described[0][:LEAST_PROBES_MATCHED]  # of the smallest scales, and 3 of the largest
+    described[1][-3:] = described[0][-3:]
+    keypoints = np.zeros((PROBES + 300, 6), np.float32)
+    keypoints[:, :2], keypoints[:, 2] = rng.uniform(0, 100, (len(keypoints), 2)), np.arange(1, len(keypoints) + 1)
+    keypoints[:, 5] = keypoints[:, 2]
+    database = tmp_path / "database.db"
+    with pycolmap.Database.open(database) as opened:
+        camera = opened.write_camera(pycolmap.Camera.create_from_model_name(0, "PINHOLE", 100.0, 100, 100))
+        for name, data in zip(("a.png", "b.png"), described, strict=True):
+            image_id = opened.write_image(pycolmap.Image(name=name, camera_id=camera))
+            opened.write_keypoints(image_id, keypoints)
+            opened.write_descriptors(image_id, pycolmap.FeatureDescriptors(pycolmap.FeatureExtractorType.SIFT, data))
+    monkeypatch.setattr(pycolmap, "verify_matches", lambda *_: None)  # it would delete so few
+    match_features(database, SiftOptions(threads=1))
+    with pycolmap.Database.open(database) as opened:
+        assert opened.exists_matches(1, 2)
+        assert sum(map(len, opened.read_all_matches()[1])) == 0

@@ -38,7 +38,7 @@ def match_features(database: Path, options: SiftOptions, pairs: list[tuple[str, 
     def match(pair: tuple[int, int]) -> np.ndarray:
         found = match_descriptors(probes[pair[0]], probes[pair[1]])
         if len(found) < LEAST_PROBES_MATCHED:
-            return found
+            return found[:0]  # they number the probes, not the features
         return match_descriptors(descriptors[pair[0]], descriptors[pair[1]])
 
     matches = map_in_threads(match, wanted, most_threads=options.threads)
