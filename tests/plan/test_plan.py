@@ -11,8 +11,8 @@ import yaml
 from helpers.given import given_cameras, small_ring, write_lenses
 from helpers.paths import REPOSITORY
 from zeroshop_steps import methods
-from zeroshop_steps.plan import Plan
 from zeroshop_steps.plan.datasets import Place, require_known
+from zeroshop_steps.plan.pages import Pages
 from zeroshop_steps.plan.weights import list_files, list_sets, require_agreed
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import Failure, write_failure
@@ -38,7 +38,7 @@ def make_plan(tmp_path, monkeypatch):
         config = deepcopy(DEFAULTS)
         for key, value in changes.items():
             config[key] = {**config[key], **value} if isinstance(value, dict) else value
-        return Plan(config, tmp_path, {("photos", name): {**ROW, **row} for name, row in (rows or {}).items()}, say)
+        return Pages(config, tmp_path, {("photos", name): {**ROW, **row} for name, row in (rows or {}).items()}, say)
 
     return make
 

@@ -10,7 +10,7 @@ from snakemake.exceptions import WorkflowError
 from snakemake.logging import logger
 
 from zeroshop_steps import methods
-from zeroshop_steps.plan import Plan
+from zeroshop_steps.plan.pages import Pages
 from zeroshop_steps.plan.captures import BOARD_SCENE, JOINED_PHOTOS, JOINED_SCENE, LATER_PASSES, OBJECT_SCENE, TURNED_SCENE, WHOLE_SCENE
 from zeroshop_steps.plan.datasets import NOTHING
 from zeroshop_steps.runtime.cache import check_cache
@@ -42,7 +42,7 @@ try:
     row_schema = PROJECT / "workflow/schemas/objects.schema.yaml"
     rows = read_objects(ROOT / config["objects_table"], row_schema, methods.HEIGHTS, methods.GIVEN_HEIGHTS)
     # What rules ask when Snakemake plans: its methods are the input functions.
-    plan = Plan(config, ROOT, rows, logger.info)
+    plan = Pages(config, ROOT, rows, logger.info)
 except StepError as error:
     raise WorkflowError(str(error)) from None
 

@@ -13,8 +13,9 @@ from zeroshop_steps.app.captures_table import TABLE, Capture, add_capture, make_
 from zeroshop_steps.app.importing import brings_poses, find_source
 from zeroshop_steps.app.project_folders import provide_weights
 from zeroshop_steps.app.summary import describe_advice, describe_mesh, describe_unseen, describe_warnings, find_reason, name_photos
-from zeroshop_steps.app.workflow import JOINED_PHOTOS, count_more_frames, read_chosen_cell, run_workflow, settings_of_inputs
+from zeroshop_steps.app.workflow import count_more_frames, read_chosen_cell, run_workflow, settings_of_inputs
 from zeroshop_steps.methods import SURFACES
+from zeroshop_steps.plan.captures import JOINED_PHOTOS
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 

@@ -21,6 +21,7 @@ from zeroshop_steps.app.run_lock import free_dead_lock, note_run
 from zeroshop_steps.methods import BY_GIVEN_CAMERAS, REGISTRATIONS
 from zeroshop_steps.networks.saliency.salient_networks import DEFAULT, NETWORKS, NONE, find_network
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
+from zeroshop_steps.plan.captures import JOINED_PHOTOS, WHOLE_SCENE
 from zeroshop_steps.runtime.config_files import read_yaml
 from zeroshop_steps.runtime.failures import IN_FOLDER, read_failure
 from zeroshop_steps.runtime.files import read_json
@@ -88,10 +89,6 @@ class Progress:
         return f"{self.share:4.0%}{left}   {what}"
 
 
-WHOLE_PHOTOS, JOINED_PHOTOS = "video", "video_joined"
-"""The scenes of an object with one pass and with several, as workflow/rules name them."""
-
-
 def _read_config() -> dict[str, Any]:
     return read_yaml(find_project() / "config/config.yaml")
 
@@ -99,7 +96,7 @@ def _read_config() -> dict[str, Any]:
 def read_chosen_cell(settings: Mapping[str, Any], given_cameras: bool = False) -> tuple[str, str]:
     """The scene and the registration that the config chooses for photos, with these settings on top; or of given cameras."""
     chosen = _read_config()["chosen"]["photos"] | settings.get("chosen", {}).get("photos", {})
-    return (WHOLE_PHOTOS, str(BY_GIVEN_CAMERAS)) if given_cameras else (chosen["scene"], chosen["registration"])
+    return (WHOLE_SCENE, str(BY_GIVEN_CAMERAS)) if given_cameras else (chosen["scene"], chosen["registration"])
 
 
 def settings_of_inputs(network: str | None) -> dict[str, Any]:

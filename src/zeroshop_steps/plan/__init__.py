@@ -1,8 +1,4 @@
 """What the rules ask when Snakemake plans: datasets, captures, methods and their options, cells, and what tables are made of.
 
-`Plan` has it all; the rules (workflow/rules) name files and commands. Nothing here runs a step.
+`pages.Pages` has it all; the rules (workflow/rules) name files and commands. Nothing here runs a step.
 """
-
-from zeroshop_steps.plan.pages import Pages as Plan
-
-__all__ = ["Plan"]

@@ -1,5 +1,6 @@
 """Captures: the user's own pictures, which rows of the table of objects name, rendered films and images, and the passes of an object."""
 
+import functools
 import math
 import shlex
 import time
@@ -56,6 +57,14 @@ def require_past(files: Iterable[Path], words: str) -> None:
             f"{len(ahead)} of the user's files are from the future, such as {ahead[0]} ({changed}): the clock of this machine or of the"
             f" camera is wrong. Set it right, or give the files the present time: touch {words}"
         )
+
+
+@functools.cache
+def has_poses(cameras: str) -> bool:
+    """Whether a cameras.json has poses; read once, as many rules ask."""
+    from zeroshop_steps.capture.cameras_json import read_given_cameras  # loads COLMAP, which few captures need
+
+    return read_given_cameras(Path(cameras)).has_poses
 
 
 def rendered_scene(wildcards: Wildcards) -> str:
@@ -253,11 +262,7 @@ class Captures(Datasets):
 
     def brings_poses(self, wildcards: Wildcards) -> bool:
         """Whether a capture brings the poses of its cameras, rather than lenses alone. Raises StepError where their file is wrong."""
-        if not self.row(wildcards)["cameras"]:
-            return False
-        from zeroshop_steps.capture.cameras_json import read_given_cameras  # loads COLMAP, which few captures need
-
-        return read_given_cameras(Path(self.find(wildcards, "cameras"))).has_poses
+        return bool(self.row(wildcards)["cameras"]) and has_poses(self.find(wildcards, "cameras"))
 
     def chosen_run(self, wildcards: Wildcards) -> dict[str, str]:
         """The scene and registration that the config chooses for an object; of one with several passes, the joined scene.

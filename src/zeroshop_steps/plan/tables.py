@@ -8,7 +8,6 @@ from zeroshop_steps import methods
 from zeroshop_steps.plan.captures import BOARD_SCENE, WHOLE_SCENE
 from zeroshop_steps.plan.cells import Cells
 from zeroshop_steps.plan.datasets import InputFunction, Wildcards
-from zeroshop_steps.report.heights import read_published_heights
 from zeroshop_steps.runtime.errors import StepError
 
 SCALE_ERRORS_PERCENT = (-10, -5, -2, 2, 5, 10)
@@ -119,7 +118,11 @@ class Tables(Cells):
 
     def published_errors(self, dataset: str) -> dict[str, float]:
         """Errors in per cent of the heights that the thesis estimated for a dataset's objects, by object: there are some of YCB-V."""
-        known = {found.ycbv_object: found.difference_percent for found in read_published_heights()} if dataset == "ycbv" else {}
+        if dataset != "ycbv":
+            return {}
+        from zeroshop_steps.report.heights import read_published_heights  # loads Matplotlib, which few targets need
+
+        known = {found.ycbv_object: found.difference_percent for found in read_published_heights()}
         return {name: known[name] for name in self.objects(dataset) if name in known}
 
     def height_errors(self, wildcards: Wildcards) -> str:

@@ -170,43 +170,25 @@ def _cut_out(
 
     `rival` is how likely another one is meant; None where the user said which, and it does not matter what the network sees in the photos.
     """
-    room = Room(own := found.labels == number, own)
+    room: Room | None = Room(own := found.labels == number, own)
     for _ in range(MOST_ROOMS):
-        hypothesis = _solve_in(room, scene, candidate, support, found, number, odds, network, without, rival)
-        yield hypothesis
-        fitted = fit_room(found, room, hypothesis.solution.grid, hypothesis.solution.occupied)
-        if fitted is None:
+        if room is None:
             return
-        room = fitted
-
-
-def _solve_in(
-    room: Room,
-    scene: MaskScene,
-    candidate: Candidate,
-    support: SceneSupport | None,
-    found: SceneObjects,
-    number: int,
-    odds: Sequence[np.ndarray],
-    network: SalientObjectNetwork | None,
-    without: Sequence[str],
-    rival: float | None,
-) -> Hypothesis:
-    """Masks of the object of this number in one room."""
-    block = cut_block(found, number, room)
-    closer_scene, closer_support = look_closer(scene, support, block.grid, block.reach, network)
-    votes = count_votes(block.grid, block.index, scene.cameras, odds, VOTE_ODDS)
-    solution = solve(closer_scene, closer_support, block, votes, without)
-    settled = None
-    if closer_support is not None and not candidate.fitted:
-        settled = settle_support(replace(closer_support, distance=scene.focus[1]), closer_scene, solution)
-        if settled is not None and abs(settled.offset - closer_support.offset) > SETTLED * scene.focus[1]:
-            solution = solve(closer_scene, replace(settled, distance=closer_support.distance), block, votes, without)
-    qualities = compare_with_hull([mask > 0.5 for mask in solution.masks], solution.hulls)
-    measures = measure(closer_scene, solution, qualities, rival or 0.0)
-    if rival is None:
-        measures = replace(measures, network_difference=0.0)
-    return Hypothesis(candidate, settled is not None, closer_scene, solution, qualities, measures, score(measures), found.count)
+        block = cut_block(found, number, room)
+        closer_scene, closer_support = look_closer(scene, support, block.grid, block.reach, network)
+        votes = count_votes(block.grid, block.index, scene.cameras, odds, VOTE_ODDS)
+        solution = solve(closer_scene, closer_support, block, votes, without)
+        settled = None
+        if closer_support is not None and not candidate.fitted:
+            settled = settle_support(replace(closer_support, distance=scene.focus[1]), closer_scene, solution)
+            if settled is not None and abs(settled.offset - closer_support.offset) > SETTLED * scene.focus[1]:
+                solution = solve(closer_scene, replace(settled, distance=closer_support.distance), block, votes, without)
+        qualities = compare_with_hull([mask > 0.5 for mask in solution.masks], solution.hulls)
+        measures = measure(closer_scene, solution, qualities, rival or 0.0)
+        if rival is None:
+            measures = replace(measures, network_difference=0.0)
+        yield Hypothesis(candidate, settled is not None, closer_scene, solution, qualities, measures, score(measures), found.count)
+        room = fit_room(found, room, solution.grid, solution.occupied)
 
 
 def find_motion(scene: MaskScene, candidate: Candidate) -> str:

@@ -155,7 +155,8 @@ def close_by_generated(
         The closed mesh, what was added to it, and the figures for the record.
     """
     from zeroshop_steps.finish.closing.generated import propose
-    from zeroshop_steps.finish.closing.watertight import MeasuredSurface, close_surface
+    from zeroshop_steps.finish.closing.measured_surface import MeasuredSurface
+    from zeroshop_steps.finish.closing.watertight import close_surface
 
     proposal = propose(mesh, views, confirmed, generated)
     closed = simplify(close_surface(proposal.measured, views, plane, proposal.shape), max_faces, SMOOTHING_STEPS)
