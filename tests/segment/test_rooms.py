@@ -1,9 +1,10 @@
-"""An object that was found in part only gets a room that fits all of it, and not that of others."""
+"""An object that was found in part only gets a room that fits all of it, and not that of others; and its fragments belong to it."""
 
 import numpy as np
 import pytest
 
-from zeroshop_steps.segment.objects import BELOW_VOXELS, COARSE_VOXELS, MARGIN, Room, SceneObjects, cut_block, fit_room
+from helpers.camera_ring import ring_camera
+from zeroshop_steps.segment.objects import BELOW_VOXELS, COARSE_VOXELS, MARGIN, Room, SceneObjects, cut_block, fit_room, join_fragments
 from zeroshop_steps.segment.support_voxels import VoxelGrid
 
 FOOT = BELOW_VOXELS
@@ -64,3 +65,16 @@ def test_a_longer_room_leaves_others_alone():
     block = cut_block(found, 1, room)
     allowed = found.grid.locate(block.grid.centres(block.index))[0][:, 0]
     assert allowed.max() < 50 and allowed.min() < 20 + int(MARGIN * 10)
+
+
+def test_what_photos_show_within_an_object_is_a_part_of_it():
+    """A box without its front's foot but a splinter of that, seen from the front; and another thing beside it, which is none."""
+    whole = box((40, 40, FOOT), (56, 56, FOOT + 16))
+    whole[40:56, 36:44, FOOT : FOOT + 8] = False
+    splinter, other = box((46, 38, FOOT), (50, 40, FOOT + 5)), box((66, 40, FOOT), (72, 46, FOOT + 6))
+    cameras = [ring_camera(index, 24, 8.0, (25, 45), (4.8, 4.8, 0.8), 260.0, (240, 180)) for index in range(15, 22)]
+    found = found_of(whole, other, splinter)
+    joined = join_fragments(found, cameras)
+    assert joined is not None and joined.count == 2 and len(joined.ratings) == 2
+    assert ((joined.labels == 1) == whole | splinter).all() and ((joined.labels == 2) == other).all()
+    assert join_fragments(found_of(whole, other), cameras) is None

@@ -13,7 +13,17 @@ from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
 from zeroshop_steps.segment.cues.fusion import estimate_odds
 from zeroshop_steps.segment.mask_hull import Solution, close_holes, solve
-from zeroshop_steps.segment.objects import VOTE_ODDS, NothingFound, Room, SceneObjects, TwoObjects, cut_block, find_objects, fit_room
+from zeroshop_steps.segment.objects import (
+    VOTE_ODDS,
+    NothingFound,
+    Room,
+    SceneObjects,
+    TwoObjects,
+    cut_block,
+    find_objects,
+    fit_room,
+    join_fragments,
+)
 from zeroshop_steps.segment.outlines.windows import CLOSER, choose_windows, lay_back, scale_windows
 from zeroshop_steps.segment.photometry.exposure import Exposure
 from zeroshop_steps.segment.quality.mask_quality import MaskQuality, MasksRejected, compare_with_hull, describe_quality
@@ -119,7 +129,8 @@ def try_support(
     without: Sequence[str] = (),
     place: np.ndarray | None = None,
 ) -> Iterator[Hypothesis]:
-    """Masks on one plane, by all cues but those in `without`: of the likeliest object, and of the next if it may be meant instead.
+    """Masks on one plane, by all cues but those in `without`: of the likeliest object, of the next if it may be meant instead, and of
+    the likeliest with what may be fragments of it.
 
     Where the object that is meant has a `place`, (3,) in the world, of that one alone.
 
@@ -131,14 +142,15 @@ def try_support(
         yield from _cut_out(scene, candidate, support, found, found.find_at(place), odds, network, without, None)
         return
     support, found, odds = find_on(scene, candidate, without)
-    rival = found.measure_rival(1)
-    if rival > EQUAL:
+    whole = join_fragments(found, scene.cameras)
+    if (whole or found).measure_rival(1) > EQUAL:
         raise TwoObjects(
             "two objects are equally near to the point that the cameras look at: take one away, or keep the one that is meant in the middle"
             " of the photos"
         )
-    for number in (1, 2)[: 1 if rival < RIVAL else 2]:
-        yield from _cut_out(scene, candidate, support, found, number, odds, network, without, found.measure_rival(number))
+    choices = [(found, number) for number in (1, 2)[: 1 if found.measure_rival(1) < RIVAL else 2]]
+    for objects, number in [*choices, *([] if whole is None else [(whole, 1)])]:
+        yield from _cut_out(scene, candidate, support, objects, number, odds, network, without, objects.measure_rival(number))
 
 
 def find_on(

@@ -3,9 +3,10 @@
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
+import cv2
 import numpy as np
 from scipy import ndimage
 
@@ -26,6 +27,7 @@ BRIDGE_VOXELS = 1  # a bridge no wider than twice this does not join two objects
 FINE_VOXELS = 96  # along the longest edge of the block around an object
 MARGIN = 0.15  # of that block around the object, as a share of its size
 LEAST_TOUCHING = 0.01  # of a hull's voxels at the end of its room; fewer are noise of its outline
+FRAGMENT_COVERED = 0.5  # of an object that lies within the outline of another: in photos around two objects, less does
 CENTRE_WEIGHT, CUT_OFF_WEIGHT = 3.0, 1.0
 """What it costs an object to lie off the photos' middle, by half their diagonal, and outside of them, beside the logarithm of its size."""
 
@@ -153,6 +155,32 @@ def find_objects(
     order[ranks] = np.arange(1, len(ranks) + 1)
     ground_voxel = BELOW_VOXELS if support is not None else -1.0
     return SceneObjects(grid, order[labels], ground_voxel, tuple(ratings[name] for name in ranks))
+
+
+def join_fragments(found: SceneObjects, cameras: Sequence[Camera]) -> SceneObjects | None:
+    """The objects with those joined to the first that most photos show within its outline, closed over hollows; None if there are none.
+
+    They may be parts of it: where a side has the ground's colours, what is left of it falls apart.
+    """
+    first, *others = (render_silhouettes(found.grid, found.labels == number, cameras) for number in range(1, found.count + 1))
+    closed = [_close_over(shown) for shown in first]
+    covered = [0.0, 0.0]
+    for silhouettes in others:
+        shares = [(shown & whole).sum() / shown.sum() for shown, whole in zip(silhouettes, closed, strict=True) if shown.any()]
+        covered.append(float(np.median(shares)) if shares else 0.0)
+    parts = [number for number, share in enumerate(covered) if share > FRAGMENT_COVERED]
+    if not parts:
+        return None
+    left = [number for number in range(found.count + 1) if number not in parts]
+    names = np.array([1 if number in parts else left.index(number) for number in range(found.count + 1)])
+    return replace(found, labels=names[found.labels], ratings=tuple(found.ratings[number - 1] for number in left[1:]))
+
+
+def _close_over(shown: np.ndarray) -> np.ndarray:
+    """The convex hull of (H, W) bool."""
+    points = cv2.findNonZero(shown.astype(np.uint8))
+    filled = np.zeros(shown.shape, np.uint8)
+    return np.asarray((filled if points is None else cv2.fillConvexPoly(filled, cv2.convexHull(points), 1)) > 0)
 
 
 def cut_block(found: SceneObjects, number: int, room: Room) -> ObjectBlock:
