@@ -33,7 +33,8 @@ def product(carton, tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_json(folder / "frame.json", compute_object_frame(carton.mesh, views, describe_height(object_pose, scale)) | {"seconds": 1.5})
     write_json(folder / "clean.json", {"seconds": 2.0, "parameters": {"smooth": 5}})
     write_json(folder / "registration.json", {"seconds": {"total": 30.25}})
-    stages = export.read_stages(folder / f"{name}.json" for name in ("clean", "registration", "frame"))
+    write_json(folder / "stereo.json", {"seconds": 3.0, "given_depth": {"camera": "tof", "added_pixels": 7}})
+    stages = export.read_stages(folder / f"{name}.json" for name in ("clean", "registration", "frame", "stereo"))
     mesh = export.move_to_object_frame(carton.mesh, np.array(stages["frame"]["object_from_registration"]), carton.mesh.texture)
     export.write_product(folder / "mesh.ply", mesh, export.make_metadata(mesh, stages["frame"], stages))
     return folder / "mesh.ply"
@@ -89,7 +90,8 @@ def test_gltf_texture_coordinates_start_at_the_upper_left(product):
 def test_the_json_says_units_scale_versions_and_seconds(product):
     notes = read_json(product.with_suffix(".json"))
     assert (notes["ply_unit"], notes["glb_unit"], notes["scale"]) == ("millimetre", "metre", "known")
-    assert notes["seconds"] == {"clean": 2.0, "register": 30.25, "frame": 1.5, "total": 33.75}
+    assert notes["seconds"] == {"clean": 2.0, "register": 30.25, "frame": 1.5, "stereo": 3.0, "total": 36.75}
+    assert notes["given_depth"] == {"camera": "tof", "added_pixels": 7}
     assert notes["parameters"]["clean"] == {"smooth": 5}
     assert notes["versions"]["open3d"]
 

@@ -57,4 +57,4 @@ def ball_initialization(views: list[TrainingView]) -> Initialization:
     nothing = {camera.name: np.zeros((0, 2)) for camera in cameras}
     none = {camera.name: np.zeros(0) for camera in cameras}
     points = normals * RADIUS * rng.uniform(0.9, 1.0, (600, 1))
-    return Initialization(points, np.full((600, 3), 0.5), normals, FreeSpace(cameras, masks, volume), nothing, none)
+    return Initialization(points, np.full((600, 3), 0.5), normals, FreeSpace(cameras, masks, volume), nothing, none, none)

@@ -154,6 +154,27 @@ def test_methods_without_their_weights_are_refused_or_recorded(make_plan):
         make_plan().capture_of(place(dataset="demo", object="mug", scene="su_h", registration="none"))
 
 
+def test_depth_images_measure_the_surface_of_the_photos_that_they_belong_to(make_plan, tmp_path):
+    for name in ("depth of it", "images", "masks"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "a.png").touch()
+    row = {"images": "images", "depth": "depth of it"}
+    plan = make_plan({"cup": row, "can": {"images": "images"}, "jar": {**row, "masks": "masks"}})
+    assert plan.depth_files(place()) == ["depth of it/a.png"] and plan.depth_capture(place()) == ["results/photos/cup/video/capture"]
+    options = plan.stereo_options(place())
+    for part in (
+        "--depth 'depth of it'",
+        "--capture results/photos/cup/video/capture",
+        "--depth-camera structured_light",
+        "--depth-step-mm 1.0",
+    ):
+        assert part in options
+    rendered = place(dataset="demo", object="mug", scene="su_h")
+    for other in (place(object="can"), rendered, place(scene="video_segmented"), place(scene="video_joined")):
+        assert plan.depth_files(other) == plan.depth_capture(other) == [] and plan.stereo_options(other) == "--device cpu --seed 0"
+    assert plan.depth_files(place(object="jar", scene="video_segmented")) == ["depth of it/a.png"], "given masks leave photos as they are"
+
+
 def test_a_surface_from_sparse_points_reads_no_stereo(make_plan):
     dense = make_plan()
     train = {**DEFAULTS["nvs"]["2dgs"]["train"], "initialization": "sparse"}

@@ -42,8 +42,8 @@ def test_losses_and_the_light_of_passes_need_nothing_from_the_host(optimizer, se
     light = PassLight.for_views([view])
     light.learn(rendering, view)
     terms = optimizer.view_loss(rendering, light.relight(rendering, view), settings, with_normals=True)
-    pixels, depths = torch.zeros(5, dtype=torch.int64, device=META), torch.zeros(5, device=META)
-    terms["depth"] = depth_loss(rendering, pixels, depths, view.active.sum())
+    pixels, depths, weights = torch.zeros(5, dtype=torch.int64, device=META), *torch.ones(2, 5, device=META)
+    terms["depth"] = depth_loss(rendering, pixels, depths, weights, view.active.sum())
     sum(terms.values()).backward()
     assert rendering.color.grad.device == rendering.depth.grad.device == META
     with pytest.raises((RuntimeError, NotImplementedError)):  # what shows that a mixture is refused

@@ -37,7 +37,7 @@ def test_stereo_finds_the_surface_and_its_normals() -> None:
     enlarged = 2
     views, depths = ball_views(enlarged * SIZE_PX, fineness=2.0)
     hull = VisualHull.carve([view.camera for view in views], [view.mask.numpy() > 0 for view in views], 1.0, 48, misses_allowed=1)
-    seeds = find_seeds(views, hull, seed=0)
+    seeds, _ = find_seeds(views, hull, seed=0)
     radius = np.linalg.norm(seeds.positions, axis=1)
     assert len(seeds.positions) > 500
     exact = 0.5 * 2.5 / (enlarged * FOCAL_PX)  # half a pixel at the ball's distance

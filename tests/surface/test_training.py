@@ -51,9 +51,9 @@ def test_a_confirmed_depth_is_anchored_at_the_pixel_that_shows_it(sizes):
     views, depths = sizes
     initialization = confirmed_initialization(views.fine, depths)
     for view, coarse, depth in zip(views.fine, views.coarse, depths, strict=True):
-        pixels, confirmed = find_depth_targets(view, initialization)
+        pixels, confirmed, _ = find_depth_targets(view, initialization)
         assert len(pixels) > 20 and np.array_equal(depth.reshape(-1)[pixels.numpy()], confirmed.numpy())
-        pixels, confirmed = find_depth_targets(coarse, initialization)
+        pixels, confirmed, _ = find_depth_targets(coarse, initialization)
         y, x = np.divmod(pixels.numpy(), 32)
         around = np.stack([depth[2 * y + dy, 2 * x + dx] for dy in (0, 1) for dx in (0, 1)])
         assert (np.abs(around - confirmed.numpy()).min(axis=0) == 0).all(), "the coarse pixel is the one that covers the fine one"

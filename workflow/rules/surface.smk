@@ -11,6 +11,8 @@ import dataclasses
 rule stereo:
     input:
         cameras=f"{RUN}/cameras",
+        depth=plan.depth_files,
+        capture=plan.depth_capture,
     output:
         seeds=f"{RUN}/stereo/seeds.npz",
         summary=f"{RUN}/stereo/stereo.json",
@@ -21,7 +23,7 @@ rule stereo:
         # 60 images of a megapixel, with masks and contrast, take 1 GB of a GPU, beside what CUDA itself takes.
         **needs(3000, 30, 2000 if config["stereo"]["device"] != "cpu" else 0),
     params:
-        options=step_options({**config["stereo"], "seed": config["seed"]}),
+        options=plan.stereo_options,
         folder=subpath(output.seeds, parent=True),
     message:
         "Looking for confirmed depths of {wildcards.object}, scene {wildcards.scene}; follow it in {log}"

@@ -35,6 +35,7 @@ def make_metadata(mesh: Mesh, frame: dict, stages: Mapping[str, dict]) -> dict:
         stages: contents of the earlier steps' JSONs, by step.
     """
     seconds = {name: found for name, content in stages.items() if (found := _seconds(content)) is not None}
+    given = {name: stages["stereo"][name] for name in ("given_depth",) if name in stages.get("stereo", {})}
     cpu_seconds = {name: content["cpu_seconds"] for name, content in stages.items() if "cpu_seconds" in content}
     return {
         "ply_unit": "millimetre" if frame["scale"] == "known" else "unknown",
@@ -43,6 +44,7 @@ def make_metadata(mesh: Mesh, frame: dict, stages: Mapping[str, dict]) -> dict:
         "scale_source": frame["scale_source"],
         "height_m": frame["height_m"],
         "height_deviation_m": frame["height_deviation_m"],
+        **given,
         "frame": FRAME_TEXT,
         "underside": stages.get("closed", {}).get("underside"),
         "closing": stages.get("closed", {}).get("closing"),

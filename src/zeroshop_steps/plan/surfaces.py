@@ -1,13 +1,14 @@
 """The surface methods, detectors and pose estimators that paths choose, with their options and inputs."""
 
 import dataclasses
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from zeroshop_steps import methods
 from zeroshop_steps.methods import Method
-from zeroshop_steps.plan.captures import OBJECT_SCENE
+from zeroshop_steps.plan.captures import OBJECT_SCENE, WHOLE_SCENE
 from zeroshop_steps.plan.choices import Choices
 from zeroshop_steps.plan.datasets import InputFunction, Options, Wildcards, require_known
 
@@ -42,6 +43,27 @@ class Surfaces(Choices):
         """The options that the config has for a step of a surface method."""
         options = self.section("nvs", method.name)
         return options.get(method.options[step], {}) if method.options else options
+
+    def depth_files(self, wildcards: Wildcards) -> list[str]:
+        """The depth images that measure the surface of a capture, if it has any.
+
+        They are aligned with the photos of one pass as these were taken, not with photos that were undistorted to find the masks.
+        """
+        alike = wildcards.scene == WHOLE_SCENE or (wildcards.scene == OBJECT_SCENE and not self.masks(wildcards).in_scene)
+        return self.files("depth")(wildcards) if alike and not self.is_virtual(wildcards.dataset) else []
+
+    def depth_capture(self, wildcards: Wildcards) -> list[str]:
+        """The capture, which says what its photos were called, where it has depth images."""
+        return [f"{self.scene}/capture".format(**wildcards)] if self.depth_files(wildcards) else []
+
+    def stereo_options(self, wildcards: Wildcards) -> str:
+        """The options of stereo; with depth images, their folder, unit and kind of camera."""
+        options = {**self.config["stereo"], "seed": self.config["seed"]}
+        camera, step_mm = options.pop("depth_camera"), self.config["height"]["depth_camera"]["step_mm"]
+        if self.depth_files(wildcards):
+            folder = shlex.quote(self.find(wildcards, "depth"))
+            options |= {"depth_camera": camera, "depth_step_mm": step_mm, "depth": folder, "capture": self.depth_capture(wildcards)[0]}
+        return self.options(options)
 
     def training_options(self, method: Method) -> Callable[[Wildcards], str]:
         """A parameter function: the options of its first step; of a capture without a ground, with the iterations that those have."""

@@ -1,5 +1,7 @@
 """Multi-view stereo: depths that several registered images confirm, seeds made from them, and the visual hull carved by them.
 
+Depth images that came with the photos are joined, each depth by its uncertainty.
+
 Writes seeds.npz, from which the optimizers of this stage start unless told otherwise, and stereo.json (seconds and figures).
 """
 
@@ -7,12 +9,29 @@ import argparse
 import os
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.compute.kernel_devices import DEVICES, choose_kernel_device
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.surface.mvs.noise_models import NOISE
+
+if TYPE_CHECKING:  # they import torch and OpenCV, which takes longer than to plan
+    from zeroshop_steps.geometry.cameras.object_crops import ObjectSphere
+    from zeroshop_steps.geometry.observation.visual_hull import VisualHull
+    from zeroshop_steps.surface.mvs.given_depth import GivenDepth
+    from zeroshop_steps.surface.rendering.training_views import CameraSet, TrainingView
 
 CACHED = Cached(
-    inputs=("cameras/images", "cameras/masks", "cameras/confidence", "cameras/sparse"),
+    inputs=(
+        "cameras/images",
+        "cameras/masks",
+        "cameras/confidence",
+        "cameras/sparse",
+        "depth",
+        "depth/../cameras.json",
+        "capture/capture.json",
+    ),
     ignored=("threads",),
     outputs=("seeds.npz", "stereo.json"),
 )
@@ -24,6 +43,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder for seeds.npz and stereo.json")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=os.cpu_count())
+    parser.add_argument("--depth", type=Path, help="folder of depth images that came with the photos, named like them but .png")
+    parser.add_argument(
+        "--depth-step-mm", type=float, default=1.0, help="millimetres a step, unless cameras.json beside the folder says it"
+    )
+    parser.add_argument("--depth-camera", choices=sorted(NOISE), default="structured_light", help="its kind (default: %(default)s)")
+    parser.add_argument("--capture", type=Path, help="capture folder, whose capture.json has the photos' names; with --depth")
     parser.add_argument("--device", choices=DEVICES, default="cpu", help="where planes are searched (default: %(default)s)")
 
 
@@ -42,7 +67,8 @@ def run(args: argparse.Namespace) -> None:
     views = make_seed_views(camera_set, sphere)
     grid = [make_grid_view(view) for view in views]
     hull = carve_hull(grid)
-    seeds = find_seeds(views, hull, args.seed, device)
+    given = _read_depth(args, camera_set, sphere, views, hull) if args.depth else None
+    seeds, joined = find_seeds(views, hull, args.seed, device, given)
     write_seeds(args.out / "seeds.npz", seeds, sphere)
     write_json(
         args.out / "stereo.json",
@@ -55,5 +81,21 @@ def run(args: argparse.Namespace) -> None:
             "confirmed_depths": sum(int((depth > 0).sum()) for depth in seeds.depth_maps.values()),
             "hull_voxels": int(hull.occupied.sum()),
             "carved_voxels": int(hull.occupied.sum() - seeds.carved_hull.occupied.sum()),
+            **({"given_depth": {"camera": args.depth_camera, **given.figures, **joined}} if given else {}),
         },
     )
+
+
+def _read_depth(
+    args: argparse.Namespace, camera_set: "CameraSet", sphere: "ObjectSphere", views: "list[TrainingView]", hull: "VisualHull"
+) -> "GivenDepth | None":
+    """The depth images of the capture. Raises StepError where they are none, or not aligned."""
+    from zeroshop_steps.geometry.cameras.registered_views import read_views
+    from zeroshop_steps.register.scene.depth_images import DepthFolder
+    from zeroshop_steps.surface.mvs.given_depth import read_given_depth
+
+    if args.capture is None:
+        raise StepError("--depth needs --capture, whose capture.json has the photos' names")
+    registered, _ = read_views(args.cameras)
+    folder = DepthFolder.find(args.depth, registered, args.cameras, args.capture, args.depth_step_mm)
+    return read_given_depth(folder, args.depth_camera, registered, camera_set.model, sphere, views, hull)

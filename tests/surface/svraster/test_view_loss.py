@@ -126,6 +126,7 @@ def test_depth_counts_where_it_was_confirmed(view):
     drawn = rendering(*samples())
     pixels = torch.tensor([5, 40, 41])
     confirmed = torch.tensor([2.2, 2.4, 2.9], dtype=torch.float64)
-    expected = ((drawn.depth / drawn.alpha).reshape(-1)[pixels] - confirmed).abs().sum() / view.active.sum()
-    assert depth_loss(drawn, pixels, confirmed, view.active.sum()).item() == pytest.approx(expected.item(), rel=1e-9)
-    assert depth_loss(drawn, pixels[:0], confirmed[:0], view.active.sum()).item() == 0.0
+    weights = torch.tensor([1.0, 0.25, 0.0], dtype=torch.float64)
+    expected = (((drawn.depth / drawn.alpha).reshape(-1)[pixels] - confirmed).abs() * weights).sum() / view.active.sum()
+    assert depth_loss(drawn, pixels, confirmed, weights, view.active.sum()).item() == pytest.approx(expected.item(), rel=1e-9)
+    assert depth_loss(drawn, pixels[:0], confirmed[:0], weights[:0], view.active.sum()).item() == 0.0

@@ -81,6 +81,7 @@ def list_provenance(cell: Cell, run: Run) -> list[tuple[str, str]]:
         "pictures": run.captured,
         "parameters": mesh.get("parameters") or run.registered.get("parameters"),
         "training": training.get("settings"),
+        "given depth": mesh.get("given_depth"),
         "frame and scale": {name: value for name, value in cell.facts["frame"].items() if name != "object_from_registration"} or None,
     }
     return [(name, json.dumps(content, indent=1, ensure_ascii=False)) for name, content in records.items() if content]

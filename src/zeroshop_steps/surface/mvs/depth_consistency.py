@@ -14,12 +14,12 @@ from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.observation.visual_hull import VisualHull
 from zeroshop_steps.surface.mvs.depth_maps import look_up_depths, unproject
 from zeroshop_steps.surface.mvs.free_space import carve_free_space
+from zeroshop_steps.surface.mvs.given_depth import GivenDepth
+from zeroshop_steps.surface.mvs.joined_depth import CHECKED_VIEWS, CONTRADICTING_VIEWS_MIN, CONTRADICTION_GAP, join_depths
 from zeroshop_steps.surface.mvs.patchmatch import estimate_depth_maps, select_neighbours
 from zeroshop_steps.surface.mvs.seeds import Seeds
 from zeroshop_steps.surface.rendering.training_views import TrainingView, make_grid_view
 
-CHECKED_VIEWS = 8
-"""Neighbouring views whose depths are compared with those of a view."""
 CONSISTENT_VIEWS_MIN = 2
 """A depth is confirmed when so many of them agree: as in COLMAP's multi-view stereo."""
 SEED_COST_MAX = 0.3
@@ -28,27 +28,31 @@ CARVING_COST_MAX = 0.5
 """Depths with a higher cost do not carve the hull. The bound is looser, since a depth need not be exact to open a hollow."""
 DEPTH_TOLERANCE = 0.01
 """Largest difference between the depths of two views that agree."""
-CONTRADICTING_VIEWS_MIN = 2
-"""A depth is dropped when so many views have found surface behind it."""
-CONTRADICTION_GAP = 0.03
-"""How far behind: three tolerances, so that a depth that is only inexact contradicts nothing."""
 SEED_SPACING = 0.015
 """Edge of the cubic cells in which seeds are averaged: about the size of a voxel of the hull, 2 / 128."""
 
 
-def find_seeds(views: list[TrainingView], hull: VisualHull, seed: int, device: str = "cpu") -> Seeds:
-    """Find seeds within a visual hull, and carve the hull by what stereo has found.
+def find_seeds(
+    views: list[TrainingView], hull: VisualHull, seed: int, device: str = "cpu", given: GivenDepth | None = None
+) -> tuple[Seeds, dict[str, int]]:
+    """Find seeds within a visual hull, and carve the hull by what stereo has found; with it, figures of what given depth added.
 
     Args:
         views: training views in normalized coordinates; fine print needs full resolution.
         seed: of the random planes that stereo tries.
         device: where it searches them, as in `patchmatch.make_patchmatch`.
+        given: depth that came with the images, as one more measurement.
     """
     depths, normals, costs = estimate_depth_maps(views, hull.occupied, hull.half_extent, seed, device=device)
     views = [make_grid_view(view) for view in views]
     cameras = [view.camera for view in views]
-    carved_hull = carve_free_space(hull, cameras, confirm_depths(views, _drop_costly(depths, costs, CARVING_COST_MAX)))
-    maps = confirm_depths(views, _drop_costly(depths, costs, SEED_COST_MAX))
+    carving = confirm_depths(views, _drop_costly(depths, costs, CARVING_COST_MAX))
+    maps, weights, figures = confirm_depths(views, _drop_costly(depths, costs, SEED_COST_MAX)), None, {}
+    if given is not None:
+        joined = join_depths(cameras, maps, given)
+        maps, weights, figures = joined.depths, joined.weights, joined.figures
+        carving = [np.where(depth > 0, depth, other) for depth, other in zip(maps, carving, strict=True)]
+    carved_hull = carve_free_space(hull, cameras, carving)
     points, colors, directions = [], [], []
     for view, depth, normal in zip(views, maps, normals, strict=True):
         y, x = np.nonzero(depth)
@@ -60,7 +64,8 @@ def find_seeds(views: list[TrainingView], hull: VisualHull, seed: int, device: s
     )
     seed_normals /= np.maximum(np.linalg.norm(seed_normals, axis=1, keepdims=True), 1e-9)
     depth_maps = {view.camera.name: depth for view, depth in zip(views, maps, strict=True)}
-    return Seeds(seed_points, seed_colors, seed_normals, depth_maps, carved_hull)
+    by_name = None if weights is None else {view.camera.name: weight for view, weight in zip(views, weights, strict=True)}
+    return Seeds(seed_points, seed_colors, seed_normals, depth_maps, carved_hull, by_name), figures
 
 
 def confirm_depths(views: list[TrainingView], depths: list[np.ndarray]) -> list[np.ndarray]:

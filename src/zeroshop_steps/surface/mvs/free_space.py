@@ -53,8 +53,8 @@ class HullDistanceField:
         distance = distance_transform_edt(~hull.occupied) if hull.occupied.any() else np.full(hull.occupied.shape, np.inf)
         return HullDistanceField(distance.astype(np.float32), hull.half_extent)
 
-    def farther_than(self, points: np.ndarray, voxels: float) -> np.ndarray:
-        """(P,) bool: which (P, 3) points lie more than `voxels` outside."""
+    def farther_than(self, points: np.ndarray, voxels: float | np.ndarray) -> np.ndarray:
+        """(P,) bool: which (P, 3) points lie more than `voxels`, or each its own of (P,), outside."""
         resolution = len(self.distance_voxels)
         index = np.floor((points / self.half_extent + 1) * resolution / 2).astype(int)
         outside = ((index < 0) | (index >= resolution)).any(axis=1)

@@ -24,6 +24,8 @@ HULL_RESOLUTION = 128
 """Voxels along an edge of the cube of the visual hull."""
 FIELDS = ("positions", "colors", "normals", "names", "shapes", "depths", "occupied", "half_extent", "centre", "radius")
 """Names of the arrays in the file, in the order in which they are written."""
+WEIGHTS = "weights"
+"""The one that is there only where given depth was joined."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,7 @@ class Seeds:
         depth_maps: by the name of the view, (H, W) float32 depth along the optical axis at the pixels of its stereo grid,
             0 where nothing was confirmed.
         carved_hull: the visual hull, carved by the depths.
+        weights: by the name of the view, (H, W) float32 how much each depth counts in training, at most 1; None where all count alike.
     """
 
     positions: np.ndarray
@@ -42,6 +45,7 @@ class Seeds:
     normals: np.ndarray
     depth_maps: dict[str, np.ndarray]
     carved_hull: VisualHull
+    weights: dict[str, np.ndarray] | None = None
 
 
 def carve_hull(grid: Sequence["TrainingView"]) -> VisualHull:
@@ -62,8 +66,11 @@ def write_seeds(path: Path, seeds: Seeds, sphere: ObjectSphere) -> None:
         np.packbits(occupied).reshape(len(occupied), -1),
         *(np.array(seeds.carved_hull.half_extent), sphere.centre, np.array(sphere.radius)),
     )
+    arrays = dict(zip(FIELDS, content, strict=True))
+    if seeds.weights is not None:
+        arrays[WEIGHTS] = np.concatenate([seeds.weights[name].ravel() for name in seeds.depth_maps])
     with atomic_write(path) as temporary:
-        np.savez_compressed(temporary, allow_pickle=False, **dict(zip(FIELDS, content, strict=True)))
+        np.savez_compressed(temporary, allow_pickle=False, **arrays)
 
 
 def read_seeds(path: Path, sphere: ObjectSphere, cameras: Sequence[Camera]) -> Seeds:
@@ -82,9 +89,8 @@ def read_seeds(path: Path, sphere: ObjectSphere, cameras: Sequence[Camera]) -> S
     try:
         with np.load(path, allow_pickle=False) as archive:
             positions, colors, normals, names, shapes, depths, packed, half_extent, centre, radius = (archive[name] for name in FIELDS)
-        ends = np.cumsum(shapes.prod(axis=1))
-        maps = [part.reshape(shape) for part, shape in zip(np.split(depths, ends[:-1]), shapes, strict=True)]
-        depth_maps = dict(zip(names.tolist(), maps, strict=True))
+            weights = _split(archive[WEIGHTS], names, shapes) if WEIGHTS in archive else None
+        depth_maps = _split(depths, names, shapes)
         resolution = len(packed)
         occupied = np.unpackbits(packed)[: resolution**3].reshape((resolution,) * 3).astype(bool)
         if not positions.shape == colors.shape == normals.shape == (len(positions), 3):
@@ -95,7 +101,13 @@ def read_seeds(path: Path, sphere: ObjectSphere, cameras: Sequence[Camera]) -> S
     expected = {grid.name: (grid.height_px, grid.width_px) for grid in map(grid_camera, cameras)}
     if found != expected or not (np.allclose(centre, sphere.centre, rtol=1e-9) and np.isclose(radius, sphere.radius, rtol=1e-9)):
         raise StepError(f"{path} belongs to other images or cameras than those given; run stereo on these")
-    return Seeds(positions, colors, normals, depth_maps, VisualHull(occupied, float(half_extent)))
+    return Seeds(positions, colors, normals, depth_maps, VisualHull(occupied, float(half_extent)), weights)
+
+
+def _split(values: np.ndarray, names: np.ndarray, shapes: np.ndarray) -> dict[str, np.ndarray]:
+    """By name, maps of these shapes that were written one after the other."""
+    parts = np.split(values, np.cumsum(shapes.prod(axis=1))[:-1])
+    return {name: part.reshape(shape) for name, part, shape in zip(names.tolist(), parts, shapes, strict=True)}
 
 
 def read_confirmed_points(path: Path, views: Sequence[View]) -> np.ndarray:

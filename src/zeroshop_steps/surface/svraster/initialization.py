@@ -99,7 +99,7 @@ def _smooth_distances(initialization: Initialization, views: list[TrainingView],
     by_hull = np.where(occupied, 0.5 - distance_transform_edt(occupied), distance_transform_edt(~occupied) - 0.5) * edge
     near = np.argwhere(np.abs(by_hull) < 2 * REACH)
     points = (near + 0.5) * edge - 1.0
-    cameras, depths = [view.camera for view in views], [_depth_map(view, *find_depth_targets(view, initialization)) for view in views]
+    cameras, depths = [view.camera for view in views], [_depth_map(view, *find_depth_targets(view, initialization)[:2]) for view in views]
     by_depth = fuse_signed_distances(points, cameras, depths, REACH, zero_is_free=False, min_views=1)
     known = (by_depth > -REACH) & occupied[tuple(near.T)]
     distances = np.clip(by_hull, -REACH, REACH)

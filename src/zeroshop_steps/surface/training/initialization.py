@@ -53,6 +53,7 @@ class Initialization:
         free_space: where no surfel and no voxel may be.
         confirmed_rays, confirmed_depths: by the name of the view, (K, 2) slopes x / z and y / z of rays in its camera, and
             (K,) depths along them that stereo has confirmed, or of sparse points.
+        confirmed_weights: (K,) how much each counts.
     """
 
     points: np.ndarray
@@ -61,6 +62,7 @@ class Initialization:
     free_space: FreeSpace
     confirmed_rays: dict[str, np.ndarray]
     confirmed_depths: dict[str, np.ndarray]
+    confirmed_weights: dict[str, np.ndarray]
 
 
 def make_initialization(
@@ -111,14 +113,15 @@ def make_initialization(
     )
 
 
-def _gather_confirmed_depths(views: list[TrainingView], seeds: Seeds) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """By the name of each view, (K, 2) slopes of rays and (K,) the depths along them that stereo has confirmed."""
-    rays, depths = {}, {}
+def _gather_confirmed_depths(views: list[TrainingView], seeds: Seeds) -> tuple[dict[str, np.ndarray], ...]:
+    """By the name of each view, (K, 2) slopes of rays, (K,) the depths along them that stereo has confirmed, and (K,) their weights."""
+    rays, depths, weights = {}, {}, {}
     for view in views:
-        depth = seeds.depth_maps[view.camera.name]
+        name, depth = view.camera.name, seeds.depth_maps[view.camera.name]
         y, x = np.nonzero(depth)
-        rays[view.camera.name], depths[view.camera.name] = ray_slopes(view.camera, y, x), depth[y, x]
-    return rays, depths
+        rays[name], depths[name] = ray_slopes(view.camera, y, x), depth[y, x]
+        weights[name] = np.ones(len(y), np.float32) if seeds.weights is None else seeds.weights[name][y, x]
+    return rays, depths, weights
 
 
 def _fit_normals(points: np.ndarray, towards: np.ndarray) -> np.ndarray:

@@ -41,20 +41,22 @@ def image_losses(rendering: RenderedImages, view: TrainingView, lambda_dssim: fl
     }
 
 
-def depth_loss(rendering: RenderedImages, pixels: torch.Tensor, depths: torch.Tensor, total: torch.Tensor) -> torch.Tensor:
-    """Sum of the absolute differences between expected and known depths, divided by `total`.
+def depth_loss(
+    rendering: RenderedImages, pixels: torch.Tensor, depths: torch.Tensor, weights: torch.Tensor, total: torch.Tensor
+) -> torch.Tensor:
+    """Weighted sum of the absolute differences between expected and known depths, divided by `total`.
 
     With the number of active pixels, a single confirmed depth weighs the same however many there are. Where a surface has little
     texture, confirmed depths are more exact than what colour alone finds; their weight in the loss is therefore high.
 
     Args:
-        pixels, depths: (K,) flat pixel indices and (K,) the confirmed depths there.
+        pixels, depths, weights: (K,) flat pixel indices, the confirmed depths there, and how much each counts.
         total: what the sum is divided by, as a tensor.
     """
     if len(pixels) == 0:
         return rendering.depth.sum() * 0.0
     depth = rendering.depth.reshape(-1)[pixels] / rendering.alpha.reshape(-1)[pixels].clamp(min=1e-2)
-    return (depth - depths).abs().sum() / total
+    return ((depth - depths).abs() * weights).sum() / total
 
 
 def normal_mismatch(rendering: RenderedImages, surface_normals: torch.Tensor, counted: torch.Tensor) -> torch.Tensor:

@@ -44,14 +44,16 @@ class ViewPyramid:
         return ViewPyramid([view.to(device) for view in self.coarse], [view.to(device) for view in self.fine])
 
 
-def find_depth_targets(view: TrainingView, initialization: Initialization) -> tuple[torch.Tensor, torch.Tensor]:
-    """(K,) flat pixel indices of a view, and (K,) the depths that were known there before training, on the view's device."""
+def find_depth_targets(view: TrainingView, initialization: Initialization) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """(K,) flat pixel indices of a view, the depths that were known there before training, and their weights, on the view's device."""
     device = view.color.device
     k, rays = view.camera.intrinsics, initialization.confirmed_rays[view.camera.name]
     x = np.floor(rays[:, 0] * k[0, 0] + k[0, 2]).astype(int).clip(0, view.camera.width_px - 1)
     y = np.floor(rays[:, 1] * k[1, 1] + k[1, 2]).astype(int).clip(0, view.camera.height_px - 1)
-    depths = torch.from_numpy(initialization.confirmed_depths[view.camera.name])
-    return torch.from_numpy(y * view.camera.width_px + x).to(device), depths.to(device)
+    depths, weights = (
+        torch.from_numpy(values[view.camera.name]) for values in (initialization.confirmed_depths, initialization.confirmed_weights)
+    )
+    return torch.from_numpy(y * view.camera.width_px + x).to(device), depths.to(device), weights.to(device)
 
 
 class Trainer(ABC, Generic[ModelT, RenderingT, SettingsT]):
@@ -133,10 +135,10 @@ class Trainer(ABC, Generic[ModelT, RenderingT, SettingsT]):
         """The weighted terms of the loss by name; share: how much of the run is done."""
         settings, view = self.settings, self.pass_light.relight(rendering, self.views[index])
         terms = self.view_loss(rendering, view, share >= settings.normal_from_share)
-        pixels, depths = self.depth_targets[index]
+        pixels, depths, weights = self.depth_targets[index]
         # Stereo's depths are dense, and each weighs the same. Sparse points are few: their mean counts, as in Sun et al. 2025.
         total = view.active.sum() if settings.initialization == "stereo" else torch.tensor(len(pixels), device=pixels.device)
-        terms["depth"] = settings.lambda_depth * depth_loss(rendering, pixels, depths, total)
+        terms["depth"] = settings.lambda_depth * depth_loss(rendering, pixels, depths, weights, total)
         return terms
 
     def run(self, until: int, report: ProgressReport | None = None) -> None:

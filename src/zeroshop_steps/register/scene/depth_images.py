@@ -1,0 +1,144 @@
+"""Depth images that come with the photos: 16-bit PNG of the photos' size, named like them and aligned pixel by pixel, 0 where unknown.
+
+They give the scale and measure surface. What is wrong with all of them is said here: another unit, or not aligned.
+"""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.capture.cameras_json import FILE, read_given_cameras
+from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
+from zeroshop_steps.geometry.imaging.image_files import check_kind
+from zeroshop_steps.geometry.imaging.images import decode_image
+from zeroshop_steps.geometry.support.ground_plane import DEVIATION_OF_MEDIAN
+from zeroshop_steps.register.scene.record import find_lens
+from zeroshop_steps.register.scene.undistortion import undistort_by_lens
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json
+
+LEAST_IMAGES = 3  # so that one bad image does not decide the median
+NEAREST_MM, FARTHEST_MM = 50.0, 5000.0  # from the object; nearer no depth camera measures, and farther nobody holds one
+OFF_DIAGONALS = 0.15  # a pixel whose depth is this far off, in diagonals of the object, shows something else
+MOST_OFF = 0.15  # share of such pixels from which on the images are not aligned
+
+
+@dataclass(frozen=True)
+class DepthFolder:
+    """The depth images of a capture.
+
+    Attributes:
+        files: the depth image of each photo that has one, by the stem of the registered view's name.
+        step_mm: millimetres a step.
+        lenses: the registration's record, which has the lens of each photo.
+    """
+
+    folder: Path
+    files: Mapping[str, Path]
+    step_mm: float
+    lenses: Mapping[str, Any]
+
+    @staticmethod
+    def find(folder: Path, views: Sequence[View], cameras: Path, capture: Path, step_mm: float) -> "DepthFolder":
+        """The images of registered views, named like the user's photos.
+
+        Args:
+            cameras, capture: folders of the registration and of the capture.
+            step_mm: unless the cameras.json beside the folder says it.
+
+        Raises:
+            StepError: there is no such folder, the step is out of range, or the capture comes from a video.
+        """
+        if not 1e-3 <= step_mm <= 100.0:
+            raise StepError(f"--step-mm is {step_mm:g}; a step of a depth image is 0.001 to 100 mm, most often 1")
+        if not folder.is_dir():
+            raise StepError(f"the folder of depth images {folder} does not exist")
+        beside, record_path = folder.parent / FILE, cameras / "registration.json"
+        step_mm = (read_given_cameras(beside).depth_step_mm if beside.is_file() else None) or step_mm
+        record = read_json(record_path) if record_path.is_file() else {}
+        return DepthFolder(folder, _find_files(folder, views, capture / "capture.json"), step_mm, record)
+
+    def read_mm(self, view: View) -> np.ndarray | None:
+        """(height, width) float32 mm as the undistorted photo shows them, 0 where nothing was measured; None where there is no image.
+
+        Raises:
+            StepError: it is no depth image, or has not its photo's size.
+        """
+        stem = Path(view.camera.name).stem
+        if stem not in self.files:
+            return None
+        measured_mm = depth_to_mm(_read_steps(self.files[stem], view), self.step_mm, str(self.files[stem]))
+        return undistort_by_lens(measured_mm, find_lens(dict(self.lenses), stem), cv2.INTER_NEAREST, cv2.BORDER_CONSTANT)
+
+    def check_unit(self, view: View, median_mm: float) -> None:
+        """Raise StepError where the object's median depth in an image is nothing that a camera measures."""
+        if not NEAREST_MM <= median_mm <= FARTHEST_MM:
+            raise StepError(
+                f"depth image {self.files[Path(view.camera.name).stem]} puts the object {median_mm:g} mm away: it looks like another unit"
+                f" (metres, tenths of millimetres) than the {self.step_mm:g} mm a step that are expected; export millimetres, or give the"
+                " unit as height.depth_camera.step_mm"
+            )
+
+    def agree(self, ratios: Mapping[str, float], off: Mapping[str, float]) -> tuple[float, float, float]:
+        """What the images agree on: mm per unit of the registration, its spread as a share, and the median share of pixels that are off.
+
+        Args:
+            ratios: by the name of the view, mm per unit.
+            off: share of the object's pixels that show something else, as `OFF_DIAGONALS` says.
+
+        Raises:
+            StepError: the images are not aligned with the photos.
+        """
+        values = np.array(list(ratios.values()))
+        scale_mm = float(np.median(values))
+        spread = DEVIATION_OF_MEDIAN * float(np.median(np.abs(values / scale_mm - 1.0)))
+        share = float(np.median(list(off.values())))
+        if share > MOST_OFF or spread > OFF_DIAGONALS:
+            worst = max(off, key=lambda name: off[name])
+            raise StepError(
+                f"{self.folder}: the depth images are not aligned with the photos: {share:.0%} of the object's pixels show something else "
+                f"({self.files[Path(worst).stem].name}: {off[worst]:.0%}), and their scales differ by {spread:.0%}; export depth that is"
+                " aligned to the colour image"
+            )
+        return scale_mm, spread, share
+
+
+def _find_files(folder: Path, views: Sequence[View], capture_record: Path) -> dict[str, Path]:
+    facts = read_json(capture_record)
+    if "source_frames" in facts:
+        raise StepError(
+            f"depth images belong to photos, and {capture_record.parent} comes from a video: export the colour images as photos"
+        )
+    names = facts.get("source_names")
+    stems = [Path(view.camera.name).stem for view in views]
+    if names and not (isinstance(names, list) and all(isinstance(name, str) for name in names) and max(map(int, stems)) < len(names)):
+        raise StepError(
+            f"{capture_record}: source_names must list the user's photos, one for each image; delete the folder and run capture again"
+        )
+    found = {}
+    for stem in stems:
+        path = folder / f"{Path(names[int(stem)]).stem if names else stem}.png"
+        if os.path.lexists(path):
+            check_kind(path)
+            found[stem] = path
+    return found
+
+
+def _read_steps(path: Path, view: View) -> np.ndarray:
+    """(height, width) uint16 steps. Raises StepError for an image that is no depth image, or not aligned with its photo."""
+    depth = decode_image(path, cv2.IMREAD_UNCHANGED)
+    if depth.ndim != 2 or depth.dtype != np.uint16:
+        kind = f"{depth.dtype} with {1 if depth.ndim == 2 else depth.shape[2]} channel(s)"
+        raise StepError(f"depth image {path} is {kind}; expected a 16-bit PNG with one channel, in millimetres")
+    if depth.shape != (view.camera.height_px, view.camera.width_px):
+        raise StepError(
+            f"depth image {path} is {depth.shape[1]} x {depth.shape[0]} px, its photo {view.camera.width_px} x {view.camera.height_px} px: "
+            "it is not aligned with the photo; export depth that is aligned to the colour image"
+        )
+    return depth
