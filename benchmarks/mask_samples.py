@@ -136,8 +136,9 @@ def sample(truth: Truth, network: SalientObjectNetwork, rng: np.random.Generator
                 near, shown = np.abs(ndimage.distance_transform_edt(mask) - away) < 0.1 * size, see(index)
                 # Before there is a hull, other things on the ground are things, too. Nobody has drawn them, so they are left out.
                 ground = (shown[..., fusion.CHANNELS.index("ground_known")] > 0) & (guess.hull is None)
-                places = [rng.choice(np.flatnonzero(part), PIXELS // 2) for part in (near, ~ground | (away < RING * size))]
-                flat = np.concatenate(places)
+                # A window may show nothing but the object, far from its outline.
+                places = [np.flatnonzero(part) for part in (near, ~ground | (away < RING * size))]
+                flat = np.concatenate([rng.choice(place, PIXELS // 2) for place in places if len(place)])
                 channels.append(shown.reshape(-1, len(fusion.CHANNELS))[flat])
                 labels.append(mask.ravel()[flat])
     return np.concatenate(channels), np.concatenate(labels)
