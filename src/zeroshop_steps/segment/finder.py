@@ -142,15 +142,17 @@ def try_support(
         yield from _cut_out(scene, candidate, support, found, found.find_at(place), odds, network, without, None)
         return
     support, found, odds = find_on(scene, candidate, without)
-    whole = join_fragments(found, scene.cameras)
-    if (whole or found).measure_rival(1) > EQUAL:
+    rival = found.measure_rival(1)
+    if rival > EQUAL:
         raise TwoObjects(
             "two objects are equally near to the point that the cameras look at: take one away, or keep the one that is meant in the middle"
             " of the photos"
         )
-    choices = [(found, number) for number in (1, 2)[: 1 if found.measure_rival(1) < RIVAL else 2]]
-    for objects, number in [*choices, *([] if whole is None else [(whole, 1)])]:
-        yield from _cut_out(scene, candidate, support, objects, number, odds, network, without, objects.measure_rival(number))
+    for number in (1, 2)[: 1 if rival < RIVAL else 2]:
+        yield from _cut_out(scene, candidate, support, found, number, odds, network, without, found.measure_rival(number))
+    whole = join_fragments(found, scene.cameras)
+    if whole is not None:  # what is joined may be the rival, so the doubt stays
+        yield from _cut_out(scene, candidate, support, whole, 1, odds, network, without, rival)
 
 
 def find_on(
@@ -178,7 +180,7 @@ def _cut_out(
     without: Sequence[str],
     rival: float | None,
 ) -> Iterator[Hypothesis]:
-    """Masks of the object of this number, and, where it touches the end of its room, in longer ones; `odds`, (h, w), found it.
+    """Masks of the object of this number, and of one that the user meant also in longer rooms; `odds`, (h, w), found it.
 
     `rival` is how likely another one is meant; None where the user said which, and it does not matter what the network sees in the photos.
     """
@@ -200,7 +202,8 @@ def _cut_out(
         if rival is None:
             measures = replace(measures, network_difference=0.0)
         yield Hypothesis(candidate, settled is not None, closer_scene, solution, qualities, measures, score(measures), found.count)
-        room = fit_room(found, room, solution.grid, solution.occupied)
+        # Longer rooms are for an object that is known to be meant: each is one more chance for what lies below or beside it.
+        room = fit_room(found, room, solution.grid, solution.occupied) if rival is None else None
 
 
 def find_motion(scene: MaskScene, candidate: Candidate) -> str:
