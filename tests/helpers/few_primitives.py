@@ -28,7 +28,9 @@ def make_inputs() -> tuple[ViewPyramid, SimpleNamespace]:
     known = {view.camera.name: rng.uniform(-0.1, 0.1, (4, 2)) for view in views}
     depths = {name: rng.uniform(1.9, 2.1, 4) for name in known}
     free_space = SimpleNamespace(contains=lambda points: np.arange(len(points)) == 1)
-    return ViewPyramid(views, views), SimpleNamespace(confirmed_rays=known, confirmed_depths=depths, free_space=free_space)
+    weights = {name: np.full(len(depth), 0.5, np.float32) for name, depth in depths.items()}
+    start = SimpleNamespace(confirmed_rays=known, confirmed_depths=depths, confirmed_weights=weights, free_space=free_space)
+    return ViewPyramid(views, views), start
 
 
 def make_surfel_trainer(device: str) -> SurfelTrainer:
