@@ -11,9 +11,8 @@ import numpy as np
 from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
 from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
-from zeroshop_steps.synthetic.rendering.depth_sensor import simulate_depth
-from zeroshop_steps.synthetic.rendering.shading import make_camera_rays
+from zeroshop_steps.runtime.open3d_loader import ray_caster
+from zeroshop_steps.synthetic.rendering.depth_sensor import take_depth_image
 from zeroshop_steps.synthetic.scenes.scene_meshes import make_object_mesh, make_surface_mesh
 from zeroshop_steps.synthetic.virtual_capture import read_object
 
@@ -35,13 +34,7 @@ def main() -> None:
     scene = ray_caster(*((part.vertices, part.faces) for part in parts if part is not None))
     for number, camera in enumerate(read_sparse_model(args.capture / "truth").cameras):
         rng = np.random.default_rng([args.seed, number])
-        pixels = np.stack(np.meshgrid(np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5), -1)
-        rays = make_camera_rays(pixels.reshape(-1, 2), camera.intrinsics, np.linalg.inv(camera.camera_from_world))
-        rays = rays.reshape(camera.height_px, camera.width_px, 6)
-        hits = scene.cast_rays(o3d.core.Tensor(rays))
-        exact = hits["t_hit"].numpy()
-        exact = np.where(np.isfinite(exact), exact, 0.0)
-        measured = simulate_depth(exact, hits["primitive_normals"].numpy(), rays, scene, camera.camera_from_world, rng)
+        _, measured = take_depth_image(scene, camera, rng)
         measured = np.where(measured > 0, measured + rng.normal(0.0, NOISE_MM, measured.shape), 0.0)
         write_image(args.out / f"{Path(camera.name).stem}.png", np.rint(measured).astype(np.uint16))
 

@@ -16,7 +16,7 @@ from zeroshop_steps.geometry.cameras.sparse_files import write_reconstruction
 from zeroshop_steps.geometry.imaging.images import write_image, write_mask
 from zeroshop_steps.geometry.observation.visual_hull import VisualHull
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
-from zeroshop_steps.register.scene.depth_images import DepthFolder
+from zeroshop_steps.register.scene.depth_folder import DepthFolder
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json

@@ -14,7 +14,7 @@ from zeroshop_steps.capture.cameras_json import FILE
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
-from zeroshop_steps.register.scene.depth_images import LEAST_IMAGES, OFF_DIAGONALS, DepthFolder
+from zeroshop_steps.register.scene.depth_folder import LEAST_IMAGES, OFF_DIAGONALS, DepthFolder
 from zeroshop_steps.runtime.errors import StepError
 
 LEAST_PIXELS = 100  # on the object, in an image

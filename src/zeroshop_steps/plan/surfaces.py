@@ -60,9 +60,9 @@ class Surfaces(Choices):
         """The options of stereo; with depth images, their folder, unit and kind of camera."""
         options = {**self.config["stereo"], "seed": self.config["seed"]}
         camera, step_mm = options.pop("depth_camera"), self.config["height"]["depth_camera"]["step_mm"]
-        if self.depth_files(wildcards):
+        for capture in self.depth_capture(wildcards):
             folder = shlex.quote(self.find(wildcards, "depth"))
-            options |= {"depth_camera": camera, "depth_step_mm": step_mm, "depth": folder, "capture": self.depth_capture(wildcards)[0]}
+            options |= {"depth_camera": camera, "depth_step_mm": step_mm, "depth": folder, "capture": capture}
         return self.options(options)
 
     def training_options(self, method: Method) -> Callable[[Wildcards], str]:

@@ -162,6 +162,8 @@ def join_fragments(found: SceneObjects, cameras: Sequence[Camera]) -> SceneObjec
 
     They may be parts of it: where a side has the ground's colours, what is left of it falls apart.
     """
+    if found.count < 2:
+        return None
     first, *others = (render_silhouettes(found.grid, found.labels == number, cameras) for number in range(1, found.count + 1))
     closed = [_close_over(shown) for shown in first]
     covered = [0.0, 0.0]

@@ -91,7 +91,7 @@ def _read_depth(
 ) -> "GivenDepth | None":
     """The depth images of the capture. Raises StepError where they are none, or not aligned."""
     from zeroshop_steps.geometry.cameras.registered_views import read_views
-    from zeroshop_steps.register.scene.depth_images import DepthFolder
+    from zeroshop_steps.register.scene.depth_folder import DepthFolder
     from zeroshop_steps.surface.mvs.given_depth import read_given_depth
 
     if args.capture is None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.observation.visual_hull import VisualHull
-from zeroshop_steps.surface.mvs.depth_maps import look_up_depths, unproject
+from zeroshop_steps.surface.mvs.depth_maps import find_gaps, unproject
 from zeroshop_steps.surface.mvs.free_space import carve_free_space
 from zeroshop_steps.surface.mvs.given_depth import GivenDepth
 from zeroshop_steps.surface.mvs.joined_depth import CHECKED_VIEWS, CONTRADICTING_VIEWS_MIN, CONTRADICTION_GAP, join_depths
@@ -95,10 +95,7 @@ def _depth_gaps(
     y, x = np.nonzero(depth)
     world = unproject(camera, depth, y, x)
     for index in checked:
-        framed, found, own = look_up_depths(cameras[index], depths[index], world)
-        gap = np.full(len(y), np.nan)
-        gap[framed] = np.where(found > 0, found - own, np.nan)
-        yield gap
+        yield find_gaps(cameras[index], depths[index], world)
 
 
 def _keep_known(depth: np.ndarray, kept: np.ndarray) -> np.ndarray:

@@ -29,3 +29,11 @@ def look_up_depths(camera: Camera, depth: np.ndarray, points: np.ndarray) -> tup
     x, y = np.floor(pixels).astype(int).T
     framed = np.flatnonzero((x >= 0) & (y >= 0) & (x < camera.width_px) & (y < camera.height_px))
     return framed, depth[y[framed], x[framed]], z[framed]
+
+
+def find_gaps(camera: Camera, depth: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(P,) how far a depth map lies behind each of (P, 3) points in the world; NaN where it has none."""
+    framed, found, own = look_up_depths(camera, depth, points)
+    gap = np.full(len(points), np.nan)
+    gap[framed] = np.where(found > 0, found - own, np.nan)
+    return gap

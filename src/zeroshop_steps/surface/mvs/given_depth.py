@@ -14,7 +14,7 @@ from zeroshop_steps.geometry.cameras.pinhole import Camera, SparseModel
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.observation.visual_hull import VisualHull
 from zeroshop_steps.geometry.support.ground_plane import DEVIATION_OF_MEDIAN
-from zeroshop_steps.register.scene.depth_images import LEAST_IMAGES, OFF_DIAGONALS, DepthFolder
+from zeroshop_steps.register.scene.depth_folder import LEAST_IMAGES, OFF_DIAGONALS, DepthFolder
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.surface.mvs.depth_maps import ray_slopes, unproject
 from zeroshop_steps.surface.mvs.free_space import HullDistanceField

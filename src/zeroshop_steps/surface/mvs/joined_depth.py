@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
-from zeroshop_steps.surface.mvs.depth_maps import look_up_depths, unproject
+from zeroshop_steps.surface.mvs.depth_maps import find_gaps, look_up_depths, unproject
 from zeroshop_steps.surface.mvs.given_depth import GivenDepth
 from zeroshop_steps.surface.mvs.patchmatch import select_neighbours
 
@@ -158,11 +158,10 @@ def _unproject_known(index: int, own: _Source, cameras: Sequence[Camera]) -> tup
 
 def _find_gaps(index: int, source: _Source, cameras: Sequence[Camera], points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(P,) how far a view's depth lies behind each of (P, 3) points, NaN where it has none, and (P,) its deviation there, 0 without."""
-    gap, deviation = np.full(len(points), np.nan), np.zeros(len(points))
-    framed, found, own = look_up_depths(cameras[index], source.depths[index], points)
-    gap[framed] = np.where(found > 0, found - own, np.nan)
-    deviation[framed] = look_up_depths(cameras[index], source.deviations[index], points)[1]
-    return gap, deviation
+    deviation = np.zeros(len(points))
+    framed, found, _ = look_up_depths(cameras[index], source.deviations[index], points)
+    deviation[framed] = found
+    return find_gaps(cameras[index], source.depths[index], points), deviation
 
 
 def _spread(depth: np.ndarray, y: np.ndarray, x: np.ndarray, values: np.ndarray) -> np.ndarray:

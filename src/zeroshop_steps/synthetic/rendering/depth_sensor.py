@@ -6,7 +6,9 @@ rays to the projector; steep surfaces give no return (Khoshelham and Elberink 20
 
 import numpy as np
 
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.runtime.open3d_loader import o3d
+from zeroshop_steps.synthetic.rendering.shading import make_camera_rays
 
 DISPARITY_STEPS_MM = 351_300.0  # eight times focal length times baseline: depth of one step
 STEP_DEVIATION = 1 / 6  # standard deviation of the disparity, in steps (Barron and Malik 2013)
@@ -15,6 +17,17 @@ PROJECTOR_MM = np.array([75.0, 0.0, 0.0])  # from the camera, along its axes, as
 GRAZING_COSINE = 0.15  # of the angle between the ray and the normal, below which nothing returns: steeper than 81 degrees
 LOST_SHARE = 0.002  # of all pixels, at random
 FARTHEST_MM = 3500.0  # that is measured
+
+
+def take_depth_image(scene: o3d.t.geometry.RaycastingScene, camera: Camera, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """(height, width) exact depth of a scene in mm, 0 where there is nothing, and what is measured of it, 0 likewise."""
+    pixels = np.stack(np.meshgrid(np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5), -1)
+    rays = make_camera_rays(pixels.reshape(-1, 2), camera.intrinsics, np.linalg.inv(camera.camera_from_world))
+    rays = rays.reshape(camera.height_px, camera.width_px, 6)
+    hits = scene.cast_rays(o3d.core.Tensor(rays))
+    depth, normals = hits["t_hit"].numpy(), hits["primitive_normals"].numpy()
+    depth = np.where(np.isfinite(depth), depth, 0.0)
+    return depth, simulate_depth(depth, normals, rays, scene, camera.camera_from_world, rng)
 
 
 def simulate_depth(

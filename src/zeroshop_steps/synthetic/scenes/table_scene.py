@@ -10,9 +10,8 @@ from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.transforms import transform_points
 from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
-from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
-from zeroshop_steps.synthetic.rendering import shading
-from zeroshop_steps.synthetic.rendering.depth_sensor import simulate_depth
+from zeroshop_steps.runtime.open3d_loader import ray_caster
+from zeroshop_steps.synthetic.rendering.depth_sensor import take_depth_image
 from zeroshop_steps.synthetic.rendering.lighting import SURFACE_CELLS, Lights, place_lights
 from zeroshop_steps.synthetic.rendering.renderer import SceneRenderer, expose
 from zeroshop_steps.synthetic.scenes.camera_rings import ObjectBounds
@@ -81,16 +80,9 @@ class TableScene:
 
     def photograph(self, camera: Camera, linear: np.ndarray, rng: np.random.Generator) -> RgbdImage:
         """The photo of (height, width, 3) linear light, its exposure and white balance off a little, and the depth."""
-        width_px, height_px = camera.width_px, camera.height_px
         linear = linear * rng.uniform(*TINTS, 3).astype(np.float32)
         linear *= rng.uniform(*BRIGHT_LEVELS) / max(float(np.percentile(linear, 90)), 1e-6)
-        pixels = np.stack(np.meshgrid(np.arange(width_px) + 0.5, np.arange(height_px) + 0.5), -1)
-        rays = shading.make_camera_rays(pixels.reshape(-1, 2), camera.intrinsics, np.linalg.inv(camera.camera_from_world))
-        rays = rays.reshape(height_px, width_px, 6)
-        hits = self._scene.cast_rays(o3d.core.Tensor(rays))
-        depth, normals = hits["t_hit"].numpy(), hits["primitive_normals"].numpy()
-        depth = np.where(np.isfinite(depth), depth, 0.0)
-        measured = simulate_depth(depth, normals, rays, self._scene, camera.camera_from_world, rng)
+        depth, measured = take_depth_image(self._scene, camera, rng)
         return RgbdImage(camera, expose(linear, rng), depth, measured)
 
     def sample_camera(self, width_px: int, height_px: int, name: str, rng: np.random.Generator) -> Camera:
