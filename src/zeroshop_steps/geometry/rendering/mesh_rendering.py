@@ -106,8 +106,9 @@ class MeshRenderer:
         is_before_camera = len(depths) > 0 and depths.min() > NEAREST_SHARE * depths.max()
         if is_before_camera:
             # Two pixels at least, also where the mesh is beside the image: no filter or lookup takes an image without any.
-            first = np.clip(np.floor(pixels.min(0)) - 1, 0, np.maximum(size - 2, 0)).astype(int)
-            last = np.clip(np.ceil(pixels.max(0)) + 1, first + 2, size).astype(int)
+            low, high = ([extreme(pixels[:, axis]) for axis in (0, 1)] for extreme in (np.min, np.max))  # .min(0) takes 50 times as long
+            first = np.clip(np.floor(low) - 1, 0, np.maximum(size - 2, 0)).astype(int)
+            last = np.clip(np.ceil(high) + 1, first + 2, size).astype(int)
         (left, top), (width_px, height_px) = first.tolist(), (last - first).tolist()
         window = (slice(top, top + height_px), slice(left, left + width_px))
         # Pixel (0, 0)'s centre is at the origin of the rasterizer.

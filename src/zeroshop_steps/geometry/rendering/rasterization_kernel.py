@@ -8,7 +8,7 @@ import math
 import numba
 import numpy as np
 
-BANDS_PER_THREAD = 4
+BANDS_PER_THREAD = 2
 """An object is seldom spread evenly over the rows of a picture."""
 
 
@@ -79,12 +79,20 @@ def draw_nearest(pixels, depths, faces, nearest_depth, bands, inverse_depth, fac
         face_of: (P, H, W) int32 to fill, -1 where nothing is.
     """
     height, width = face_of.shape[1:]
+    rows_of = np.empty((len(pixels), len(faces), 2), np.int32)  # so that each band reads the corners of its own faces alone
+    for part in numba.prange(len(pixels) * bands):
+        picture, chunk = part // bands, part % bands
+        for face in range(chunk * len(faces) // bands, (chunk + 1) * len(faces) // bands):
+            corners = read_corners(pixels[picture], depths[picture], faces, face)
+            _, _, rows_of[picture, face, 0], rows_of[picture, face, 1] = find_pixels(corners, 0, height - 1, width, nearest_depth)
     for part in numba.prange(len(pixels) * bands):
         picture, band = part // bands, part % bands
         first, last = band * height // bands, (band + 1) * height // bands - 1
         inverse, found = inverse_depth[picture], face_of[picture]
         inverse[first : last + 1], found[first : last + 1] = 0, -1
         for face in range(len(faces)):
+            if rows_of[picture, face, 0] > last or rows_of[picture, face, 1] < first:
+                continue
             corners = read_corners(pixels[picture], depths[picture], faces, face)
             left, right, top, bottom = find_pixels(corners, first, last, width, nearest_depth)
             for row in range(top, bottom + 1):

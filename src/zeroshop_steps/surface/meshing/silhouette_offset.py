@@ -5,12 +5,13 @@ images are explained best by surfels a fraction of a pixel behind the true surfa
 tell this amount.
 """
 
+import cv2
 import numpy as np
-from scipy.ndimage import binary_erosion, distance_transform_edt
 
+from zeroshop_steps.geometry.meshes.simplification import smooth_taubin
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
-from zeroshop_steps.runtime.open3d_loader import o3d
+from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
 from zeroshop_steps.surface.rendering.training_views import TrainingView
 
 ROUNDS = 2
@@ -19,26 +20,35 @@ TRIMMED_SHARE = 0.25
 """Share of the contour's gaps that is left out at either end: the open rim on the ground, and parts that are missing."""
 SMOOTHING_STEPS = 10
 """Of Taubin's filter, before normals are taken."""
+CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
-def measure_gap_to_masks(mesh: Mesh, views: list[TrainingView]) -> float:
+def measure_gap_to_masks(mesh: Mesh, views: list[TrainingView], inside_px: list[np.ndarray]) -> float:
     """How far the mesh's silhouettes lie inside the masks, in the unit of the mesh; negative where they reach beyond them.
 
     For each pixel of the silhouettes' contours this is the distance to the mask's edge in pixels, times depth over focal
     length. The result is the trimmed mean over all views.
+
+    Args:
+        inside_px: of each view, what `measure_inside` returns.
     """
     renderer = MeshRenderer(mesh)
     gaps = []
-    for view in views:
-        hits = renderer.cast_rays(view.camera)
-        silhouette, mask = hits.mask, np.pad(view.mask.numpy() > 0.5, 1)
-        contour = silhouette & ~binary_erosion(silhouette, border_value=1)
-        # On the mask's own contour the distance to the outside is one.
-        inside = (distance_transform_edt(mask) - distance_transform_edt(~mask))[1:-1, 1:-1] - np.where(view.mask.numpy() > 0.5, 1.0, 0.0)
-        gaps.append(inside[contour] * hits.depth[contour] / view.camera.intrinsics[0, 0])
+    for view, inside in zip(views, inside_px, strict=True):
+        depth = renderer.find_depth(view.camera)
+        silhouette = (depth > 0).astype(np.uint8)
+        contour = silhouette > cv2.erode(silhouette, CROSS, borderType=cv2.BORDER_CONSTANT, borderValue=1)
+        gaps.append(inside[contour] * depth[contour] / view.camera.intrinsics[0, 0])
     ordered = np.sort(np.concatenate(gaps))
     ends = int(TRIMMED_SHARE * len(ordered))
     return float(ordered[ends : len(ordered) - ends].mean()) if len(ordered) else 0.0
+
+
+def measure_inside(mask: np.ndarray) -> np.ndarray:
+    """(H, W) float32 distance of each pixel to a mask's contour: 0 on it, positive inside, and at least 1 outside, with a minus."""
+    padded = np.pad(mask, 1).astype(np.uint8)
+    within, beyond = (cv2.distanceTransform(part, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1] for part in (padded, 1 - padded))
+    return np.where(mask, within - 1, -beyond)
 
 
 def fit_to_masks(mesh: Mesh, views: list[TrainingView], limit: float) -> tuple[Mesh, float]:
@@ -50,15 +60,9 @@ def fit_to_masks(mesh: Mesh, views: list[TrainingView], limit: float) -> tuple[M
         The moved mesh, and by how much it was moved.
     """
     offset = 0.0
-    normals = _smooth_normals(mesh)
+    inside_px = map_in_threads(lambda view: measure_inside(view.mask.numpy() > 0.5), views)
+    normals = smooth_taubin(mesh, SMOOTHING_STEPS).vertex_normals
     for _ in range(ROUNDS):
         moved = Mesh(mesh.vertices + offset * normals, mesh.faces)
-        offset = float(np.clip(offset + measure_gap_to_masks(moved, views), -limit, limit))
+        offset = float(np.clip(offset + measure_gap_to_masks(moved, views, inside_px), -limit, limit))
     return Mesh(mesh.vertices + offset * normals, mesh.faces), offset
-
-
-def _smooth_normals(mesh: Mesh) -> np.ndarray:
-    surface = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(mesh.vertices), o3d.utility.Vector3iVector(mesh.faces))
-    surface = surface.filter_smooth_taubin(SMOOTHING_STEPS)
-    surface.compute_vertex_normals()
-    return np.asarray(surface.vertex_normals)
