@@ -3,13 +3,12 @@
     python benchmarks/pipeline.py results/demo/mustard_bottle/2dgs.ply --out pipeline
     python benchmarks/pipeline.py results/photos/mouse/2dgs.ply --config objects_table=mine.tsv --out pipeline
 
-A table of stages for each number of cores, by what Snakemake's benchmark files say: wall and CPU seconds, cores kept busy, largest memory
-and megabytes read and written. And a picture of which stage kept which core busy when: every process of the run is asked five times a
-second where its threads ran. A run that other work disturbs says so: the machine must be idle.
+A table of stages for each number of cores: wall and CPU seconds, cores kept busy, largest memory, and megabytes read from and written to
+disk. And a picture of which stage kept which core busy when. Every process of the run is asked five times a second where its threads ran.
+A run before these, which is not counted, compiles kernels. A run that other work disturbs says so: the machine must be idle.
 """
 
 import argparse
-import csv
 import os
 import shutil
 import subprocess
@@ -17,6 +16,7 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -35,19 +35,32 @@ TICKS = os.sysconf("SC_CLK_TCK")
 BUSY_SHARE = 0.1  # of a core that other processes may take on the way
 STEP = "zeroshop_steps."
 PROCESSOR, USER, SYSTEM = 36, 11, 12  # of the fields after the name in /proc/PID/task/TID/stat
-COLUMNS = ("stage", "jobs", "wall_s", "cpu_s", "cores", "memory_mb", "read_mb", "written_mb")
+COLUMNS = ("stage", "wall_s", "cpu_s", "cores", "memory_mb", "read_mb", "written_mb")
+MEGABYTE = 1e6
 
 
 @dataclass
 class Trace:
-    """Which stage ran on which core: CPU seconds by (stage, core, number of the sample), and seconds of other processes."""
+    """What the stages of a run took.
+
+    Attributes:
+        cores: numbers of the cores that it ran on.
+        seconds: of CPU time by (stage, core, number of the sample).
+        memory_mb: resident, by (stage, number of the sample).
+        transfers_mb: read from and written to disk, by (stage, number of the process), so far.
+        others_s, wall_s: CPU seconds of other processes on these cores, and seconds of the run, once it has finished.
+    """
 
     cores: list[int]
     seconds: dict[tuple[str, int, int], float] = field(default_factory=lambda: defaultdict(float))
+    memory_mb: dict[tuple[str, int], float] = field(default_factory=lambda: defaultdict(float))
+    transfers_mb: dict[tuple[str, int], tuple[float, float]] = field(default_factory=dict)
     samples: int = 0
     others_s: float = 0.0
+    wall_s: float = 0.0
 
     def __post_init__(self) -> None:
+        self._start_s = time.monotonic()
         self._ticks: dict[int, int] = {}
         self._idle = psutil.cpu_times(percpu=True)
 
@@ -56,6 +69,9 @@ class Trace:
         for process in [root, *_children(root)]:
             try:
                 stage = name_stage(process.cmdline())
+                self.memory_mb[stage, self.samples] += process.memory_info().rss / MEGABYTE
+                transfers = process.io_counters()
+                self.transfers_mb[stage, process.pid] = (transfers.read_bytes / MEGABYTE, transfers.write_bytes / MEGABYTE)
                 for task in Path(f"/proc/{process.pid}/task").iterdir():
                     values = (task / "stat").read_text().rpartition(")")[2].split()
                     ticks = int(values[USER]) + int(values[SYSTEM])
@@ -68,10 +84,27 @@ class Trace:
         self.samples += 1
 
     def finish(self) -> None:
-        """Note how much of these cores other processes took."""
+        """Note how long it took, and how much of these cores other processes took."""
+        self.wall_s = time.monotonic() - self._start_s
         used = [sum(now) - now.idle - now.iowait - (sum(then) - then.idle - then.iowait) for now, then in
                 zip(psutil.cpu_times(percpu=True), self._idle, strict=True)]  # fmt: skip
         self.others_s = max(sum(used[core] for core in self.cores) - sum(self.seconds.values()), 0.0)
+
+    def list_stages(self) -> list[dict[str, object]]:
+        """A row of `COLUMNS` for each stage, the longest first."""
+        rows: list[dict[str, object]] = []
+        for stage in {stage for stage, _ in self.memory_mb}:
+            memory_mb = [value for (name, _), value in self.memory_mb.items() if name == stage]
+            wall_s, cpu_s = (
+                len(memory_mb) * self.wall_s / self.samples,
+                sum(value for (name, _, _), value in self.seconds.items() if name == stage),
+            )
+            read_mb, written_mb = np.sum([value for (name, _), value in self.transfers_mb.items() if name == stage], axis=0)
+            rows.append({
+                "stage": stage, "wall_s": round(wall_s, 1), "cpu_s": round(cpu_s, 1), "cores": round(cpu_s / wall_s, 2),
+                "memory_mb": round(max(memory_mb)), "read_mb": round(read_mb), "written_mb": round(written_mb),
+            })  # fmt: skip
+        return sorted(rows, key=lambda row: -float(str(row["wall_s"])))
 
 
 def _children(process: psutil.Process) -> list[psutil.Process]:
@@ -100,68 +133,51 @@ def main() -> int:
     args = parser.parse_args()
     there = sorted(os.sched_getaffinity(0))
     args.out.mkdir(parents=True, exist_ok=True)
-    totals = []
-    for count in sorted({count for count in args.cores if count <= len(there)}):
+    totals: list[dict[str, object]] = []
+    counts = sorted({count for count in args.cores if count <= len(there)})
+    for number, count in enumerate([counts[-1], *counts]):
         with tempfile.TemporaryDirectory() as folder:
-            run = measure(args.target, args.config, there[:count], Path(folder))
-            if run is None:
-                return 1
-            wall_s, trace = run
-            rows = read_stages(Path(folder))
+            trace = measure(args.target, args.config, there[:count], Path(folder))
+        if trace is None:
+            return 1
+        if number == 0:
+            continue
+        rows, cpu_s = trace.list_stages(), sum(trace.seconds.values())
         write_table(args.out / f"{count}.csv", rows)
         draw(trace, args.out / f"{count}.png", f"{args.target}, {count} cores")
-        cpu_s = sum(trace.seconds.values())
-        totals.append({"cores": count, "wall_s": round(wall_s, 1), "cpu_s": round(cpu_s, 1), "speed_up": 1.0})
-        totals[-1]["speed_up"] = round(totals[0]["wall_s"] / wall_s, 2)
-        print("\n".join(" | ".join(str(row[column]) for column in COLUMNS) for row in rows), totals[-1], sep="\n")
-        if trace.others_s > BUSY_SHARE * count * wall_s:
+        speed_up = (float(str(totals[0]["wall_s"])) if totals else trace.wall_s) / trace.wall_s
+        totals.append({"cores": count, "wall_s": round(trace.wall_s, 1), "cpu_s": round(cpu_s, 1), "speed_up": round(speed_up, 2)})
+        print(
+            f"\n{args.target}, {count} cores\n\n{format_table(COLUMNS, rows)}\n\n{format_table(tuple(totals[-1]), totals[-1:])}", flush=True
+        )
+        if trace.others_s > BUSY_SHARE * count * trace.wall_s:
             print(f"warning: other work took {trace.others_s:.0f} s of these cores: times are too long", file=sys.stderr)
     write_table(args.out / "all.csv", totals)
     return 0
 
 
-def measure(target: str, config: list[str], cores: list[int], folder: Path) -> tuple[float, Trace] | None:
-    """Make the target in an empty folder on these cores: wall seconds and the trace; None where it fails."""
+def format_table(columns: Sequence[str], rows: list[dict[str, object]]) -> str:
+    """A table in Markdown."""
+    lines = [columns, ["---"] * len(columns), *([row[column] for column in columns] for row in rows)]
+    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
+
+
+def measure(target: str, config: list[str], cores: list[int], folder: Path) -> Trace | None:
+    """Make the target in an empty folder on these cores; None where it fails."""
     trace = Trace(cores)
     words = [sys.executable, "-m", "snakemake", "-s", str(ROOT / "Snakefile"), "--cores", str(len(cores)), "--directory", str(folder)]
     words += [target, *(["--config", *config] if config else [])]
-    start_s = time.monotonic()
     with (folder / "run.log").open("w") as log:
         process = subprocess.Popen(words, cwd=ROOT, stdout=log, stderr=log, preexec_fn=lambda: os.sched_setaffinity(0, cores))  # noqa: PLW1509
         known = psutil.Process(process.pid)
         while process.poll() is None:
             trace.sample(known)
             time.sleep(SAMPLE_S)
-    wall_s = time.monotonic() - start_s
     trace.finish()
     if process.returncode:
         print(f"error: {target} could not be made:\n{(folder / 'run.log').read_text()[-3000:]}", file=sys.stderr)
         return None
-    return wall_s, trace
-
-
-def read_stages(folder: Path) -> list[dict[str, object]]:
-    """A row of `COLUMNS` for each rule that ran, the longest first."""
-    found = defaultdict(list)
-    for path in folder.rglob("benchmarks/*.tsv"):
-        with path.open(newline="") as file:
-            found[path.stem].extend(csv.DictReader(file, delimiter="\t"))
-    rows: list[dict[str, object]] = []
-    for stage, jobs in found.items():
-        sums = {name: sum(_number(job[name]) for job in jobs) for name in ("s", "cpu_time", "io_in", "io_out")}
-        rows.append({
-            "stage": stage, "jobs": len(jobs), "wall_s": round(sums["s"], 1), "cpu_s": round(sums["cpu_time"], 1),
-            "cores": round(sums["cpu_time"] / max(sums["s"], 1e-9), 2), "memory_mb": round(max(_number(job["max_rss"]) for job in jobs)),
-            "read_mb": round(sums["io_in"], 1), "written_mb": round(sums["io_out"], 1),
-        })  # fmt: skip
-    return sorted(rows, key=lambda row: -float(str(row["wall_s"])))
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:  # a job that ended before it was asked has "-" or "NA"
-        return 0.0
+    return trace
 
 
 def draw(trace: Trace, path: Path, title: str) -> None:
