@@ -21,20 +21,22 @@ def test_photos(snakemake, tmp_path):
     assert "--images 'my cup/images' --masks 'my cup/masks'" in run.stdout
 
 
-def test_photos_that_bring_their_cameras(snakemake, tmp_path):
+@pytest.mark.parametrize("place", ["cup", "results/imported/cup"], ids=["own", "imported"])
+def test_photos_that_bring_their_cameras(snakemake, tmp_path, place):
     """They are registered by these, whatever the config chooses for others, and take the height from them unless it is given."""
-    (tmp_path / "cup/images").mkdir(parents=True)
-    for path in ("cup/images/a.png", "can.mp4"):
+    (tmp_path / place / "images").mkdir(parents=True)
+    for path in (f"{place}/images/a.png", "can.mp4"):
         (tmp_path / path).touch()
     lens = {"model": "PINHOLE", "width_px": 64, "height_px": 48, "params": [60.0, 60.0, 32.0, 24.0]}
     given = {f"{name}.png": {"lens": lens, "camera_from_world": np.eye(4).tolist()} for name in "abc"}
-    (tmp_path / "cup/cameras.json").write_text(json.dumps({"images": given}))
+    (tmp_path / place / "cameras.json").write_text(json.dumps({"images": given}))
     table = tmp_path / "objects.tsv"
-    header, images, cameras = "dataset\tobject\timages\tmasks\theight_m\tcameras", tmp_path / "cup/images", tmp_path / "cup/cameras.json"
+    header = "dataset\tobject\timages\tmasks\theight_m\tcameras"
+    images, cameras = tmp_path / place / "images", tmp_path / place / "cameras.json"
     table.write_text(f"{header}\nphotos\tcup\t{images}\t\t\t{cameras}\nphotos\tmug\t{images}\t\t0.1\t{cameras}\n")
     run = snakemake("-n", "-p", "results/photos/cup/2dgs.ply", "--config", f"objects_table={table}")
     assert run.returncode == 0, run.stdout
-    assert "--cameras cup/cameras.json" in run.stdout and "--method given " in run.stdout and "--height given_cameras" in run.stdout
+    assert f"--cameras {place}/cameras.json" in run.stdout and "--method given " in run.stdout and "--height given_cameras" in run.stdout
     run = snakemake("-n", "-p", "results/photos/mug/2dgs.ply", "--config", f"objects_table={table}")
     assert "--method given " in run.stdout and "--height known " in run.stdout
     table.write_text(f"{header}\nphotos\tcan\t{tmp_path}/can.mp4\t\t\t{cameras}\n")

@@ -69,7 +69,7 @@ WITH_CAMERAS = f"(?!{methods.WITHOUT_CAMERAS}/)[^/]+"  # the registration of a c
 
 
 wildcard_constraints:
-    dataset="[^/]+",
+    dataset="(?!imported/)[^/]+",  # `zeroshop` puts captures of other programs there, with a cameras.json
     object=rf"(?!(?:bop|tables|report)/)(?!{plan.named or NOTHING})[^/]+",  # these folders hold what belongs to a whole dataset
     scene="[^/]+",
     registration="[^/]+",
