@@ -87,7 +87,7 @@ def test_photos_that_were_renamed_keep_their_depth(measure):
         ({"change": lambda depth, _: depth * 0}, "have measured depth on the object"),
         ({"emptied": True}, "image .* cannot be read"),
         ({"kept": 2}, "depth images for 2 of the 10"),
-        ({"step_mm": 0.0}, "--step-mm is 0"),
+        ({"step_mm": 0.0}, "a step of the depth images is 0 mm"),
     ],
 )
 def test_depth_images_that_are_no_good_are_refused(measure, how, message):

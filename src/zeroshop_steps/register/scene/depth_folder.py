@@ -56,7 +56,9 @@ class DepthFolder:
             StepError: there is no such folder, the step is out of range, or the capture comes from a video.
         """
         if not 1e-3 <= step_mm <= 100.0:
-            raise StepError(f"--step-mm is {step_mm:g}; a step of a depth image is 0.001 to 100 mm, most often 1")
+            raise StepError(
+                f"a step of the depth images is {step_mm:g} mm; 0.001 to 100 are possible, 1 is usual (height.depth_camera.step_mm)"
+            )
         if not folder.is_dir():
             raise StepError(f"the folder of depth images {folder} does not exist")
         beside, record_path = folder.parent / FILE, cameras / "registration.json"
