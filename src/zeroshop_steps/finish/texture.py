@@ -19,7 +19,8 @@ from scipy.sparse import csr_matrix
 from zeroshop_steps.finish.export import make_metadata, move_to_object_frame, read_stages, summarize_product, write_product
 from zeroshop_steps.finish.texturing import exposure_gains
 from zeroshop_steps.finish.texturing.atlas import Texels, fill_gutters, rasterize_atlas
-from zeroshop_steps.finish.texturing.texel_colors import VotingView, make_texel_colors
+from zeroshop_steps.finish.texturing.texel_colors import VotingView
+from zeroshop_steps.finish.texturing.texel_devices import make_texel_colors
 from zeroshop_steps.finish.texturing.unwrap import check_texture_size, measure_atlas_use, unwrap_mesh
 from zeroshop_steps.geometry.cameras.registered_views import View, read_views
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply

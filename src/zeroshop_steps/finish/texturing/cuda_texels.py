@@ -16,7 +16,7 @@ THREADS = 256
 
 
 class CudaTexelColors:
-    """See `texel_colors.TexelColors`."""
+    """See `texel_devices.TexelColors`."""
 
     def __init__(self, corners: np.ndarray, shares: np.ndarray, vertices: np.ndarray, tolerance: float) -> None:
         self._count, self._tolerance = len(corners), tolerance
