@@ -164,6 +164,7 @@ def report(opens: bool, cores: int, into: Path) -> int:
 @click.option("--unit", type=click.Choice(["m", "mm", "unknown"]), help="Unit of the poses.", show_default="what the format says")
 @click.option("--object", "object_id", type=int, metavar="ID", help="The object's number, where several are annotated (BOP).")
 @click.option("--board", metavar="NAME_OR_FILE", help="The board around the object, which gives the cameras: a4, a3, or a file.")
+@click.option("--topic", metavar="NAME", help="Of a bag's colour images.", show_default="those with most pixels")
 @click.option("--position-deviation", type=click.FloatRange(0, min_open=True), metavar="METRES", help=(
     "Standard deviation of the cameras' places along each axis, such as 0.001 for a robot's arm."))  # fmt: skip
 @click.option("--rotation-deviation", type=click.FloatRange(0, min_open=True), metavar="DEGREES", help="That of their turns.")
@@ -173,15 +174,16 @@ def import_(
     unit: str | None,
     object_id: int | None,
     board: str | None,
+    topic: str | None,
     position_deviation: float | None,
     rotation_deviation: float | None,
 ) -> int:
-    """Bring a capture with known cameras into the common form: COLMAP, nerfstudio, instant-ngp, BOP, FoundationPose, Middlebury, boards."""
+    """Bring a capture with known cameras into the common form: COLMAP, nerfstudio, instant-ngp, BOP, FoundationPose, bags."""
     from zeroshop_steps.app.importing import import_capture
     from zeroshop_steps.app.reconstruct_object import require_source
     from zeroshop_steps.capture.adapters.form import ImportOptions
 
-    what = import_capture(require_source(source), out, ImportOptions(unit, object_id, board), position_deviation, rotation_deviation)
+    what = import_capture(require_source(source), out, ImportOptions(unit, object_id, board, topic), position_deviation, rotation_deviation)
     print(f"Imported  {source} is {what}\nWritten   {out}\nNext      zeroshop {out}")
     return 0
 

@@ -1,7 +1,6 @@
 """What a path is: photos, a film, the common form of a capture with cameras, or what an adapter brings into that form."""
 
 import hashlib
-import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,8 +68,6 @@ def find_source(path: Path, folder: Path, name: str) -> Source:
     Raises:
         StepError: it is nothing that is known; lists what is.
     """
-    if not path.is_dir():
-        return Source(path)
     if (path / FILE).is_file() and (path / "images").is_dir():
         return _read_common_form(path)
     adapter = recognize(path)
@@ -83,6 +80,8 @@ def find_source(path: Path, folder: Path, name: str) -> Source:
             with atomic_write(out / STAMP) as temporary:
                 temporary.write_text(stamp)
         return _read_common_form(out)
+    if not path.is_dir():
+        return Source(path)
     try:
         list_photos(path)
     except StepError as error:
@@ -105,12 +104,10 @@ def _read_common_form(folder: Path) -> Source:
     return Source(folder / "images", **parts, cameras=str(folder / FILE), poses=given.has_poses, height_method=method)
 
 
-def _describe_files(folder: Path) -> str:
-    """The folder, and a digest of the names, sizes and times of all files below it."""
+def _describe_files(path: Path) -> str:
+    """The path, and a digest of the names, sizes and times of all files below it, or of its own."""
     digest = hashlib.sha256()
-    for root, folders, files in os.walk(folder):
-        folders.sort()
-        for file in sorted(files):
-            status = (Path(root) / file).stat()
-            digest.update(f"{root}/{file} {status.st_size} {status.st_mtime_ns}\n".encode(errors="surrogateescape"))
-    return f"{folder}\n{digest.hexdigest()}\n"
+    for file in [path] if path.is_file() else sorted(part for part in path.rglob("*") if part.is_file()):
+        status = file.stat()
+        digest.update(f"{file} {status.st_size} {status.st_mtime_ns}\n".encode(errors="surrogateescape"))
+    return f"{path}\n{digest.hexdigest()}\n"

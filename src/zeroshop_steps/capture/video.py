@@ -159,9 +159,27 @@ def extract_frames(video: Path, count: int, max_side_px: int, out: Path, most: i
 
 def scan_video(video: Path) -> VideoScan:
     """Measure every frame. Raises StepError where the file cannot be read to its end, or holds one picture only."""
+    film = measure_frames(read_frames(video))
+    count = len(film.changes)
+    if not count:
+        raise StepError(f"{video} holds no frames that can be read; export it again as mp4 (H.264)")
+    if count == 1:
+        raise StepError(f"{video} holds a single frame; film the object from all around")
+    promised = _count_promised_frames(video)
+    spare = max(SPARE_FRAMES, SPARE_SHARE * promised)
+    readable = _measure_readable_share(video) if count < promised - spare else 1.0
+    if readable < READABLE_SHARE:
+        raise StepError(f"{video} is cut off or damaged: {count} of its {promised} frames can be read; copy it from the camera again")
+    if readable < 1.0:
+        warn(f"{video}: {count} of its {promised} frames can be read; its end is damaged, the rest is taken")
+    return film
+
+
+def measure_frames(frames: Iterable[np.ndarray]) -> VideoScan:
+    """The measures of (H, W, 3) uint8 RGB frames in their order."""
     sharpnesses, levels, changes, thumbnails = [], [], [], []
     before = None
-    for frame in read_frames(video):
+    for frame in frames:
         # Without noise, before frames are compared.
         small = cv2.GaussianBlur(shrink_to_grey(frame), (0, 0), 1.5)
         sharpnesses.append(measure_sharpness(frame))
@@ -171,19 +189,6 @@ def scan_video(video: Path) -> VideoScan:
         changes.append(0.0 if before is None else float(np.abs(even - before).mean() / (even.std() + 1.0)))
         thumbnails.append(make_thumbnail(frame))
         before = even
-    if not sharpnesses:
-        raise StepError(f"{video} holds no frames that can be read; export it again as mp4 (H.264)")
-    if len(sharpnesses) == 1:
-        raise StepError(f"{video} holds a single frame; film the object from all around")
-    promised = _count_promised_frames(video)
-    spare = max(SPARE_FRAMES, SPARE_SHARE * promised)
-    readable = _measure_readable_share(video) if len(sharpnesses) < promised - spare else 1.0
-    if readable < READABLE_SHARE:
-        raise StepError(
-            f"{video} is cut off or damaged: {len(sharpnesses)} of its {promised} frames can be read; copy it from the camera again"
-        )
-    if readable < 1.0:
-        warn(f"{video}: {len(sharpnesses)} of its {promised} frames can be read; its end is damaged, the rest is taken")
     return VideoScan(*(np.array(values) for values in (sharpnesses, levels, changes, thumbnails)))
 
 

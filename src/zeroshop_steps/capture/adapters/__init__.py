@@ -1,7 +1,7 @@
 """Adapters of what labs have already: one file each, which declares an ADAPTER and nothing else lists it.
 
-Each recognizes a folder, and reads it as frames with lenses, poses, masks and depth (`form.py`), which are written in the common form
-(`../cameras_json.py`): images/, masks/, depth/ and cameras.json.
+Each recognizes a folder or file, and reads it as frames with lenses, poses, masks and depth (`form.py`), which are written in the
+common form (`../cameras_json.py`): images/, masks/, depth/ and cameras.json.
 """
 
 import functools
@@ -24,10 +24,10 @@ def find_adapters() -> tuple[Adapter, ...]:
 
 
 def recognize(path: Path, board: str | None = None) -> Adapter | None:
-    """The adapter that knows what lies in a folder, or that of photos with a board; None where none does."""
+    """The adapter that knows a folder or file, or that of photos with a board; None where none does."""
     if board is not None:
         return board_photos.ADAPTER
-    return next((adapter for adapter in find_adapters() if adapter.recognizes(path)), None) if path.is_dir() else None
+    return next((adapter for adapter in find_adapters() if adapter.recognizes(path)), None)
 
 
 def list_known() -> str:

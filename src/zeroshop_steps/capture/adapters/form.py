@@ -1,7 +1,9 @@
 """What an adapter reads, and how it is written in the common form."""
 
 import shutil
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,11 +37,13 @@ class ImportOptions:
         unit: of the poses, a key of `UNITS_M`; None where the format says it.
         object_id: of the object, where several are annotated.
         board: the board around the object, as `read_board` takes it.
+        topic: of a bag's colour images; None takes those with most pixels.
     """
 
     unit: str | None = None
     object_id: int | None = None
     board: str | None = None
+    topic: str | None = None
 
 
 @dataclass(frozen=True)
@@ -64,12 +68,21 @@ class GivenFrame:
 
 @dataclass(frozen=True)
 class ImportedCapture:
-    """What an adapter read; `metres` are those of a unit of the poses, None where that is unknown."""
+    """What an adapter read.
+
+    Attributes:
+        frames: the pictures.
+        source: what they come from, in words.
+        metres: of a unit of the poses; None where that is unknown.
+        warnings: for the user.
+        unpacked: holds files of the frames that were in an archive, until they are written.
+    """
 
     frames: Sequence[GivenFrame]
     source: str
     metres: float | None = 1.0
     warnings: tuple[str, ...] = ()
+    unpacked: tempfile.TemporaryDirectory | None = None
 
 
 @dataclass(frozen=True)
@@ -79,7 +92,7 @@ class Adapter:
     Attributes:
         title: in words, with an article.
         expects: the files by which it is recognized.
-        recognizes: whether a folder is of this format.
+        recognizes: whether a folder or file is of this format.
         read: reads it; raises StepError with what is wrong.
         rank: the lowest is asked first.
     """
@@ -143,7 +156,7 @@ def write_common_form(
     names = _choose_names([frame.image for frame in found.frames])
     for line in found.warnings:
         warn(line)
-    with atomic_directory(out) as folder:
+    with found.unpacked or nullcontext(), atomic_directory(out) as folder:
         cameras = {}
         for name, frame in track(list(zip(names, found.frames, strict=True)), "importing", len(names)):
             used = _write_picture(frame.image, folder / "images" / name)

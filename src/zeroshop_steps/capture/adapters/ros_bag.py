@@ -1,0 +1,253 @@
+"""Recordings of ROS 1 (.bag) and ROS 2 (.mcap, or a bag's folder): colour, the camera's message, its way by tf, and aligned depth.
+
+Frames are chosen as in a film: the sharpest of each stretch of the view's change, more of them where neighbours share little.
+"""
+
+import tempfile
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zeroshop_steps.capture.adapters.form import Adapter, GivenFrame, ImportedCapture, ImportOptions
+from zeroshop_steps.capture.adapters.tf_tree import TransformTree
+from zeroshop_steps.capture.bridging import bridge_gaps
+from zeroshop_steps.capture.cameras_json import Lens
+from zeroshop_steps.capture.video import FRAMES, MOST_FRAMES, choose_frames, measure_frames
+from zeroshop_steps.geometry.imaging.images import write_image
+from zeroshop_steps.robot.compressed_images import is_compressed
+from zeroshop_steps.robot.image_messages import DEPTHS, read_color, read_depth
+from zeroshop_steps.robot.ros2.messages import message_store, require_rosbags
+from zeroshop_steps.runtime.errors import StepError
+
+IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+INFO, TRANSFORMS = "sensor_msgs/msg/CameraInfo", ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+FIXED = "tf_static"
+PLUGINS = ("/compressed", "/compressedDepth")  # ends of the topics of image_transport
+RECTIFIED = "rect"  # in the name of a topic whose images image_proc has undistorted; the camera's message is the same
+STILL_M, STILL_TURN = 0.001, 0.001  # a camera that moves and turns by no more, in matrix entries, stands still
+MOST_APART_NS = 20_000_000  # of the stamps of colour and depth; cameras take 30 pairs a second
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Images of one topic; `size_px` is (width, height), and `frame_id` the frame of the camera, as its first message says."""
+
+    topic: str
+    is_depth: bool
+    size_px: tuple[int, int]
+    frame_id: str
+    count: int
+
+
+class Recording:
+    """A bag that is open for reading."""
+
+    def __init__(self, reader: Any) -> None:
+        self._reader = reader
+        self.types = {one.topic: one.msgtype for one in reader.connections}
+        self.counts = {topic: reader.topics[topic].msgcount for topic in self.types}
+
+    def read(self, *topics: str) -> Iterator[tuple[str, Any]]:
+        """The messages of some topics in their order."""
+        for connection, _, raw in self._reader.messages([one for one in self._reader.connections if one.topic in topics]):
+            yield connection.topic, self._reader.deserialize(raw, connection.msgtype)
+
+    def first(self, topic: str) -> Any:
+        """The first message of a topic."""
+        return next(message for _, message in self.read(topic))
+
+    def list_streams(self) -> list[Stream]:
+        """All topics with images."""
+        found = []
+        for topic in sorted(topic for topic, kind in self.types.items() if kind in IMAGES and self.counts[topic]):
+            message = self.first(topic)
+            if is_compressed(message):
+                is_depth = "compressedDepth" in message.format or message.format.startswith(tuple(DEPTHS))
+            else:
+                is_depth = message.encoding in DEPTHS and (message.encoding != "mono16" or "depth" in topic)
+            image = read_depth(message) if is_depth else read_color(message)
+            if image is not None:
+                frame_id = message.header.frame_id.lstrip("/")
+                found.append(Stream(topic, is_depth, (image.shape[1], image.shape[0]), frame_id, self.counts[topic]))
+        return found
+
+    def find_info(self, stream: Stream) -> str | None:
+        """The topic of the camera's message that lies beside that of its images."""
+        topic = stream.topic
+        for plugin in PLUGINS:
+            topic = topic.removesuffix(plugin)
+        beside = f"{topic.rpartition('/')[0]}/camera_info"
+        return beside if self.types.get(beside) == INFO and self.counts[beside] else None
+
+    def read_transforms(self) -> TransformTree:
+        """All of tf."""
+        tree = TransformTree()
+        for topic, message in self.read(*(topic for topic, kind in self.types.items() if kind in TRANSFORMS)):
+            tree.add(message, topic.endswith(FIXED))
+        tree.sort()
+        return tree
+
+
+def recognizes(path: Path) -> bool:
+    """Whether a file or folder is a bag."""
+    if path.is_dir():
+        return (path / "metadata.yaml").is_file() and any(any(path.glob(f"*.{end}")) for end in ("mcap", "db3"))
+    return path.is_file() and path.suffix.lower() in (".bag", ".mcap")
+
+
+def read(path: Path, options: ImportOptions) -> ImportedCapture:
+    """The chosen frames, with poses where tf knows the camera, and depth where it is aligned.
+
+    Raises:
+        StepError: the bag cannot be read, has no colour images with a camera's message, or tf and images have different clocks.
+    """
+    require_rosbags()
+    from rosbags.highlevel import AnyReader, AnyReaderError
+
+    try:
+        with AnyReader([path], default_typestore=message_store()) as reader:
+            return _read(Recording(reader), path, options)
+    except (AnyReaderError, OSError, ValueError) as error:
+        raise StepError(
+            f"the bag {path} cannot be read: {error}; record it again, or repair it (ros2 bag reindex, rosbag reindex)"
+        ) from None
+
+
+def _read(recording: Recording, path: Path, options: ImportOptions) -> ImportedCapture:
+    streams = recording.list_streams()
+    color, info = _choose_color(recording, streams, path, options.topic)
+    lens = read_camera_message(recording.first(info), color.size_px, RECTIFIED in color.topic.rpartition("/")[2], info)
+    tree, said = recording.read_transforms(), list[str]()
+    depth, remark = _choose_depth(streams, color)
+    said += [remark] if remark else []
+
+    def images(numbers: Iterable[int] | None = None) -> Iterator[tuple[int, np.ndarray]]:
+        wanted = None if numbers is None else set(numbers)
+        if wanted is None or wanted:
+            for number, (_, message) in enumerate(recording.read(color.topic)):
+                if wanted is None or number in wanted:
+                    yield number, read_color(message)
+
+    scan = measure_frames(image for _, image in images())
+    chosen = bridge_gaps(images, choose_frames(scan, FRAMES), scan.find_between, MOST_FRAMES)
+    stamps_ns = {number: stamp_of(message) for number, (_, message) in enumerate(recording.read(color.topic))}
+    poses = _find_poses(tree, color, stamps_ns, path, said)
+    unpacked = tempfile.TemporaryDirectory(prefix="zeroshop_bag_")
+    folder, depths = Path(unpacked.name), _match_depth(recording, depth, [stamps_ns[number] for number in chosen])
+    for index, measured in depths:
+        np.save(folder / f"{index:06d}.npy", measured)
+    frames = []
+    for index, (number, image) in enumerate(images(chosen)):
+        place = folder / f"{index:06d}.png"
+        write_image(place, image)
+        measured_file = place.with_suffix(".npy")
+        frames.append(GivenFrame(place, lens, poses[number], None, measured_file if measured_file.is_file() else None))
+    return ImportedCapture(frames, f"{color.count} images on {color.topic} of the bag {path.name}", 1.0, tuple(said), unpacked)
+
+
+def _choose_color(recording: Recording, streams: list[Stream], path: Path, wanted: str | None) -> tuple[Stream, str]:
+    """The colour images that are taken, and the topic of their camera's message: of several, those with most pixels."""
+    colors = [stream for stream in streams if not stream.is_depth]
+    listed = ", ".join(f"{stream.topic} ({stream.count} images)" for stream in colors) or "none"
+    if wanted is not None and (colors := [stream for stream in colors if stream.topic == wanted]) == []:
+        raise StepError(f"the bag {path} has no colour images on {wanted}; it has {listed}")
+    calibrated = [(stream, info) for stream in colors if (info := recording.find_info(stream))]
+    if not calibrated:
+        raise StepError(
+            f"the bag {path} has no colour images with a sensor_msgs/CameraInfo on camera_info beside them; colour images: {listed}."
+            " Record the topic camera_info, too, or give the images alone, as a folder"
+        )
+    return max(calibrated, key=lambda one: (one[0].size_px[0] * one[0].size_px[1], one[0].count))
+
+
+def _choose_depth(streams: list[Stream], color: Stream) -> tuple[Stream | None, str]:
+    """The depth of the colour camera's own pixels, and what the user must know."""
+    depths = [stream for stream in streams if stream.is_depth]
+    aligned = [stream for stream in depths if stream.size_px == color.size_px and stream.frame_id == color.frame_id]
+    if aligned:
+        return max(aligned, key=lambda stream: stream.count), ""
+    if not depths:
+        return None, ""
+    named = ", ".join(stream.topic for stream in depths)
+    return None, f"depth on {named} is of another camera than {color.topic}, and left out; record depth that is aligned to colour"
+
+
+def _find_poses(tree: TransformTree, color: Stream, stamps_ns: dict[int, int], path: Path, said: list[str]) -> dict[int, np.ndarray | None]:
+    """(4, 4) camera_from_root of the images, None where tf does not know it; adds to what is said."""
+    if not tree.find_chain(color.frame_id):
+        said.append(f"tf does not know the camera's frame {color.frame_id!r}: cameras are estimated")
+        return dict.fromkeys(stamps_ns)
+    found = {number: tree.look_up(color.frame_id, stamp_ns) for number, stamp_ns in stamps_ns.items()}
+    known = np.array([pose for pose in found.values() if pose is not None])
+    span_ns = tree.find_span_ns(color.frame_id)
+    if not len(known) and span_ns:
+        first_s, last_s = (edge(stamps_ns.values()) / 1e9 for edge in (min, max))
+        raise StepError(
+            f"the bag {path}: images were taken from {first_s:.1f} to {last_s:.1f} s, tf knows the camera from {span_ns[0] / 1e9:.1f} to"
+            f" {span_ns[1] / 1e9:.1f} s: two clocks. Synchronize them (chrony, use_sim_time) and record again, or record without /tf"
+        )
+    spread = np.ptp(known, axis=0)
+    if spread[:3, 3].max() <= STILL_M and spread[:3, :3].max() <= STILL_TURN:
+        said.append(f"the camera's frame {color.frame_id!r} does not move in tf: cameras are estimated")
+        return dict.fromkeys(stamps_ns)
+    return {number: None if pose is None else np.linalg.inv(pose) for number, pose in found.items()}
+
+
+def _match_depth(recording: Recording, depth: Stream | None, stamps_ns: list[int]) -> Iterator[tuple[int, np.ndarray]]:
+    """(height, width) float32 mm of the images of these times that have one of their own time, with their places in the list."""
+    if depth is None:
+        return
+    times = np.array([stamp_of(message) for _, message in recording.read(depth.topic)])
+    nearest = {int(np.abs(times - stamp_ns).argmin()): index for index, stamp_ns in enumerate(stamps_ns)}
+    for number, (_, message) in enumerate(recording.read(depth.topic)):
+        if number in nearest and abs(int(times[number]) - stamps_ns[nearest[number]]) <= MOST_APART_NS:
+            measured = read_depth(message)
+            if measured is not None:
+                yield nearest[number], measured
+
+
+def stamp_of(message: Any) -> int:
+    """When a message's image was taken, in ns."""
+    return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
+
+
+def read_camera_message(message: Any, size_px: tuple[int, int], rectified: bool, topic: str) -> Lens:
+    """The lens of a sensor_msgs/CameraInfo, of ROS 1 or ROS 2, by COLMAP's models.
+
+    Raises:
+        StepError: it is of another image size, was never calibrated, or has a distortion that COLMAP's models lack.
+    """
+    fields = {name: np.array(getattr(message, name, getattr(message, name.upper(), ())), float) for name in ("k", "d", "p")}
+    if (message.width, message.height) != size_px:
+        raise StepError(f"{topic} is about images of {message.width} x {message.height} px, the images have {size_px[0]} x {size_px[1]} px")
+    projection = fields["p"].reshape(3, 4)[:, :3] if len(fields["p"]) else np.zeros((3, 3))
+    matrix = projection if rectified and projection[0, 0] > 0 else fields["k"].reshape(3, 3)
+    if not (np.isfinite(matrix).all() and matrix[0, 0] > 0):
+        raise StepError(f"{topic} has no focal length (K is 0, or no number): calibrate the camera, and record again")
+    lens, distortion = Lens.pinhole(matrix, size_px, 0.5), fields["d"]
+    if rectified or not distortion.any():
+        return lens
+    if message.distortion_model in ("equidistant", "fisheye") and len(distortion) == 4:
+        return Lens("OPENCV_FISHEYE", *size_px, (*lens.params, *distortion.tolist()))
+    if (
+        message.distortion_model not in ("", "plumb_bob", "rational_polynomial")
+        or distortion[8:].any()
+        or not np.isfinite(distortion).all()
+    ):
+        raise StepError(
+            f"{topic} has the distortion {message.distortion_model!r} with {len(distortion)} coefficients, which COLMAP's lenses lack:"
+            " record rectified images (image_proc)"
+        )
+    radial = np.zeros(8)
+    radial[: min(len(distortion), 8)] = distortion[:8]
+    return (
+        Lens("FULL_OPENCV", *size_px, (*lens.params, *radial.tolist()))
+        if radial[4:].any()
+        else Lens("OPENCV", *size_px, (*lens.params, *radial[:4].tolist()))
+    )
+
+
+ADAPTER = Adapter("a bag of ROS", "a .bag or .mcap file, or a bag's folder with metadata.yaml", recognizes, read, 1)
