@@ -14,7 +14,7 @@ from PIL import Image
 
 from zeroshop_steps.capture.cameras_json import FILE, GivenCamera, GivenCameras, Lens, check_pose
 from zeroshop_steps.capture.photo_files import UPRIGHT, open_picture
-from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
+from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm, read_exr
 from zeroshop_steps.geometry.imaging.images import decode_image, write_image
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
@@ -185,7 +185,7 @@ def write_common_form(
 
 
 def read_depth_mm(frame: GivenFrame) -> np.ndarray:
-    """(height, width) float32 mm of a frame's depth, 0 where nothing was measured: PNG of 16 bits, TIFF, or NPY.
+    """(height, width) float32 mm of a frame's depth, 0 where nothing was measured: PNG of 16 bits, TIFF, EXR, or NPY.
 
     Raises:
         StepError: it cannot be read, or has another shape than the image.
@@ -199,7 +199,7 @@ def read_depth_mm(frame: GivenFrame) -> np.ndarray:
             raise StepError(f"depth {path} cannot be read as NPY ({error}); export it again") from None
         raw = raw.reshape(raw.shape[:2]) if raw.ndim == 3 and raw.shape[2] == 1 else raw
     elif path.suffix.lower() == ".exr":
-        raise StepError(f"depth {path} is EXR, which cannot be read here; convert it to a TIFF of 32 bits, or NPY")
+        raw = read_exr(path)
     else:
         raw = decode_image(path, cv2.IMREAD_UNCHANGED)
     size_px = read_size_px(frame.image)
@@ -209,7 +209,7 @@ def read_depth_mm(frame: GivenFrame) -> np.ndarray:
             " channel that is aligned to the colour image"
         )
     if raw.dtype == np.uint8:
-        raise StepError(f"depth {path} has 8 bits: it is a picture of depth, not depth; export PNG of 16 bits, TIFF or NPY")
+        raise StepError(f"depth {path} has 8 bits: it is a picture of depth, not depth; export PNG of 16 bits, TIFF, EXR or NPY")
     measured = depth_to_mm(raw, frame.depth_step_mm, f"depth {path}")
     return np.where(np.isfinite(measured) & (measured > 0), measured, 0.0).astype(np.float32)
 

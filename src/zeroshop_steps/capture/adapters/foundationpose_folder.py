@@ -39,7 +39,7 @@ def read(folder: Path, options: ImportOptions) -> ImportedCapture:
 
 
 def _find(folder: Path, kinds: tuple[str, ...], image: Path) -> Path | None:
-    places = (folder / kind / f"{image.stem}{suffix}" for kind in kinds for suffix in (".png", ".npy", ".tif", ".tiff"))
+    places = (folder / kind / f"{image.stem}{suffix}" for kind in kinds for suffix in (".png", ".npy", ".tif", ".tiff", ".exr"))
     return next((path for path in places if path.is_file()), None)
 
 

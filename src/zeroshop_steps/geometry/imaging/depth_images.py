@@ -1,12 +1,15 @@
 """Depth of cameras in whole numbers, also with rotated bits as in SUN3D and the Amazon Picking Challenge."""
 
+from pathlib import Path
+
 import numpy as np
 
-from zeroshop_steps.runtime.errors import warn
+from zeroshop_steps.runtime.errors import StepError, warn
 
 ROTATED_BITS, BITS = 3, 16
 """SUN3D (Xiao et al., ICCV 2013) stores millimetres with their bits rotated to the left by 3, so that other programs show a picture."""
 LEAST_DIFFERENT = 16  # values of an image that tells; fewer may be multiples of 8 by chance
+DEPTH_CHANNELS = ("Z", "V")  # as Blender names them, after the layer
 ROTATED_STEP_MM = 0.125  # a step that already makes millimetres of rotated bits
 
 
@@ -24,6 +27,26 @@ def depth_to_mm(raw: np.ndarray, step_mm: float, name: str) -> np.ndarray:
         warn(f"{name}: all numbers are multiples of 8, so their bits are rotated by 3, as in SUN3D; they are turned back")
         raw = (raw >> ROTATED_BITS) | (raw << (BITS - ROTATED_BITS))
     return raw.astype(np.float32) * np.float32(step_mm)
+
+
+def read_exr(path: Path) -> np.ndarray:
+    """(height, width) float32 of an OpenEXR file's depth: its only channel, else Z or V, else that of a grey picture.
+
+    Raises:
+        StepError: it cannot be read, or several channels differ and none is called depth.
+    """
+    import OpenEXR
+
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as opened:
+            channels = {name: channel.pixels.astype(np.float32) for name, channel in opened.channels().items()}
+    except RuntimeError as error:
+        raise StepError(f"depth {path} cannot be read as OpenEXR ({error}); export it again") from None
+    named = [values for name, values in channels.items() if name.rpartition(".")[2].upper() in DEPTH_CHANNELS]
+    values = named if len(named) == 1 else list(channels.values())
+    if not values or any(not np.array_equal(values[0], other) for other in values[1:]):
+        raise StepError(f"depth {path} has the channels {', '.join(channels) or 'none'}; expected one, or one called Z or V")
+    return values[0]
 
 
 def _is_rotated(raw: np.ndarray) -> bool:
