@@ -11,6 +11,7 @@ SOURCES = Path(zeroshop_steps.__file__).parent
 ROOMS = [
     "runtime",
     "geometry",
+    "ros",
     "networks",
     "methods",
     "config_manual",

@@ -143,6 +143,6 @@ def test_objects_of_a_recorded_bag_are_found_without_ros(dataset, tmp_path):
 
 
 def test_without_rosbags_the_remedy_is_said(bag):
-    words = "import sys; sys.modules['rosbags'] = None; from zeroshop_steps.robot.ros2.messages import require_rosbags as r; r()"
+    words = "import sys; sys.modules['rosbags'] = None; from zeroshop_steps.ros.bags import require_rosbags as r; r()"
     ended = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True)
     assert "pip install 'zeroshop[robot]'" in ended.stderr

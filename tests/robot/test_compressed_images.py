@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
-from zeroshop_steps.robot.image_messages import read_color, read_depth
+from zeroshop_steps.ros.image_messages import read_color, read_depth
 from zeroshop_steps.runtime.errors import StepError
 
 PHOTO = cv2.resize(np.random.default_rng(0).integers(0, 255, (4, 6, 3), dtype=np.uint8), (48, 32))

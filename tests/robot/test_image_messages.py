@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from zeroshop_steps.robot.image_messages import read_color, read_depth, read_mask, write_image
+from zeroshop_steps.ros.image_messages import read_color, read_depth, read_mask, write_image
 from zeroshop_steps.runtime.errors import StepError
 
 RNG = np.random.default_rng(4)

@@ -10,9 +10,10 @@ import numpy as np
 
 from zeroshop_steps.robot.goal_camera import read_lens
 from zeroshop_steps.robot.goals import write_pose, write_result
-from zeroshop_steps.robot.image_messages import read_color, read_depth, write_image
+from zeroshop_steps.ros.image_messages import read_color, read_depth, write_image
 from zeroshop_steps.robot.recognition import Recognition, RecognitionRequest, RecognizedObject
-from zeroshop_steps.robot.ros2.messages import RESULT, bag_types, blank, message_store, require_rosbags
+from zeroshop_steps.robot.ros2.messages import RESULT, bag_types, blank, message_store
+from zeroshop_steps.ros.bags import MOST_APART_NS, RECTIFIED, require_rosbags, stamp_of
 from zeroshop_steps.runtime.errors import StepError
 
 TOPICS = {
@@ -25,9 +26,6 @@ TOPICS = {
     "/tf": "tf2_msgs/msg/TFMessage",
 }
 IMAGES = ("Image", "CompressedImage")
-RECTIFIED = "rect"
-"""In the name of a topic whose images image_proc has undistorted, such as image_rect_color; its camera message is the same."""
-MOST_APART_NS = 20_000_000  # of the stamps of colour and depth; cameras take 30 pairs a second
 COLORS = np.array([[230, 60, 50], [50, 140, 230], [70, 190, 80], [240, 190, 40], [170, 90, 210], [40, 200, 200]], np.uint8)
 LINE_LIST, TEXT = 5, 9  # kinds of visualization_msgs/Marker
 LINE_M, TEXT_M = 0.002, 0.03
@@ -104,11 +102,6 @@ def _pop_pairs(colors: list[Any], depths: list[Any]) -> Iterator[tuple[Any, Any]
             yield colors.pop(0), depths.pop(0)
         else:
             (depths if apart_ns > 0 else colors).pop(0)
-
-
-def stamp_of(message: Any) -> int:
-    """When a message's image was taken, in ns."""
-    return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
 
 
 class RecognitionBag:

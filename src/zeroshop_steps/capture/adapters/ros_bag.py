@@ -17,18 +17,16 @@ from zeroshop_steps.capture.bridging import bridge_gaps
 from zeroshop_steps.capture.cameras_json import Lens
 from zeroshop_steps.capture.video import FRAMES, MOST_FRAMES, choose_frames, measure_frames
 from zeroshop_steps.geometry.imaging.images import write_image
-from zeroshop_steps.robot.compressed_images import is_compressed
-from zeroshop_steps.robot.image_messages import DEPTHS, read_color, read_depth
-from zeroshop_steps.robot.ros2.messages import message_store, require_rosbags
+from zeroshop_steps.ros.bags import MOST_APART_NS, RECTIFIED, require_rosbags, stamp_of
+from zeroshop_steps.ros.compressed_images import is_compressed
+from zeroshop_steps.ros.image_messages import DEPTHS, read_color, read_depth
 from zeroshop_steps.runtime.errors import StepError
 
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 INFO, TRANSFORMS = "sensor_msgs/msg/CameraInfo", ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 FIXED = "tf_static"
 PLUGINS = ("/compressed", "/compressedDepth")  # ends of the topics of image_transport
-RECTIFIED = "rect"  # in the name of a topic whose images image_proc has undistorted; the camera's message is the same
 STILL_M, STILL_TURN = 0.001, 0.001  # a camera that moves and turns by no more, in matrix entries, stands still
-MOST_APART_NS = 20_000_000  # of the stamps of colour and depth; cameras take 30 pairs a second
 
 
 @dataclass(frozen=True)
@@ -106,9 +104,10 @@ def read(path: Path, options: ImportOptions) -> ImportedCapture:
     """
     require_rosbags()
     from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.typesys import Stores, get_typestore
 
     try:
-        with AnyReader([path], default_typestore=message_store()) as reader:
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             return _read(Recording(reader), path, options)
     except (AnyReaderError, OSError, ValueError) as error:
         raise StepError(
@@ -207,11 +206,6 @@ def _match_depth(recording: Recording, depth: Stream | None, stamps_ns: list[int
             measured = read_depth(message)
             if measured is not None:
                 yield nearest[number], measured
-
-
-def stamp_of(message: Any) -> int:
-    """When a message's image was taken, in ns."""
-    return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
 
 
 def read_camera_message(message: Any, size_px: tuple[int, int], rectified: bool, topic: str) -> Lens:

@@ -1,25 +1,18 @@
 """Messages of ROS 2 without ROS 2: the package rosbags has their definitions, and the action's result is made from its file."""
 
 import functools
-import importlib.util
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from zeroshop_steps.robot.goals import MessageTypes
 from zeroshop_steps.robot.ros1.messages import ACTION_FILE, split_action
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.ros.bags import require_rosbags
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 RESULT = "robokudo_msgs/msg/GenericImgProcAnnotatorResult"
-
-
-def require_rosbags() -> None:
-    """Raises StepError where the package that reads and writes bags is missing."""
-    if importlib.util.find_spec("rosbags") is None:
-        raise StepError("bags need the package rosbags: pip install 'zeroshop[robot]'")
 
 
 @functools.cache

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
-from zeroshop_steps.robot.compressed_images import is_compressed, read_compressed_color, read_compressed_depth
+from zeroshop_steps.ros.compressed_images import is_compressed, read_compressed_color, read_compressed_depth
 from zeroshop_steps.runtime.errors import StepError
 
 RGB, BGR, GRAY = (0, 1, 2), (2, 1, 0), (0, 0, 0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
 from zeroshop_steps.geometry.meshes.units import MM_PER_M
-from zeroshop_steps.robot.rvl import decode_rvl
+from zeroshop_steps.ros.rvl import decode_rvl
 from zeroshop_steps.runtime.errors import StepError
 
 PNG = b"\x89PNG\r\n\x1a\n"
