@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.bop.formats.bop_scenes import read_scene
-from zeroshop_steps.ros.image_messages import write_image
 from zeroshop_steps.robot.ros1.environment import provide_ros
+from zeroshop_steps.ros.image_messages import write_image
 
 
 def main(scene: Path) -> None:

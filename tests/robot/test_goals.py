@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.robot.goals import MessageTypes, answer_goal, read_confidences, read_pose
-from zeroshop_steps.ros.image_messages import write_image
 from zeroshop_steps.robot.recognition import Recognition, RecognitionRequest, RecognizedObject, make_frame
+from zeroshop_steps.ros.image_messages import write_image
 from zeroshop_steps.runtime.errors import StepError
 
 HEIGHT, WIDTH = 6, 8

@@ -10,10 +10,10 @@ import numpy as np
 
 from zeroshop_steps.robot.goal_camera import read_lens
 from zeroshop_steps.robot.goals import write_pose, write_result
-from zeroshop_steps.ros.image_messages import read_color, read_depth, write_image
 from zeroshop_steps.robot.recognition import Recognition, RecognitionRequest, RecognizedObject
 from zeroshop_steps.robot.ros2.messages import RESULT, bag_types, blank, message_store
 from zeroshop_steps.ros.bags import MOST_APART_NS, RECTIFIED, require_rosbags, stamp_of
+from zeroshop_steps.ros.image_messages import read_color, read_depth, write_image
 from zeroshop_steps.runtime.errors import StepError
 
 TOPICS = {

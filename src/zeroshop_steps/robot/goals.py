@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.ros.image_messages import LABELS, read_color, read_depth, read_mask, write_image
 from zeroshop_steps.robot.recognition import Recognition, RecognitionRequest
 from zeroshop_steps.robot.recognizers import Recognizer
+from zeroshop_steps.ros.image_messages import LABELS, read_color, read_depth, read_mask, write_image
 from zeroshop_steps.runtime.errors import StepError, explain_machine_fault
 
 BACKGROUND = -1  # of label images

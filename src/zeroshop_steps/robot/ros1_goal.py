@@ -14,10 +14,10 @@ import numpy as np
 from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
 from zeroshop_steps.geometry.imaging.images import decode_image, read_image, read_mask, write_mask
 from zeroshop_steps.robot.goals import BACKGROUND, read_pose
-from zeroshop_steps.ros.image_messages import write_image
 from zeroshop_steps.robot.ros1.client import send_goal
 from zeroshop_steps.robot.ros1.environment import provide_ros, require_master
 from zeroshop_steps.robot.ros1.messages import load_messages
+from zeroshop_steps.ros.image_messages import write_image
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, write_json
 
