@@ -110,6 +110,7 @@ def record(
     info: bool = True,
     tf_late_ns: int = 0,
     depth_frame: str = OPTICAL,
+    infrared: bool = False,
 ) -> None:
     """Record an arm that stops at each of the cameras, whose poses are in metres; tf comes ten times as often as images.
 
@@ -119,6 +120,7 @@ def record(
         info: whether the camera's message is recorded.
         tf_late_ns: of tf's clock.
         depth_frame: of the depth camera.
+        infrared: whether grey pictures of twice the size are recorded, too.
     """
     with Bag(path, ros) as bag:
         bag.write_transform("/tf_static", "hand", OPTICAL, HAND_FROM_CAMERA, START_NS)
@@ -130,6 +132,10 @@ def record(
             bag.write_image(f"{COLOR}/image_raw", pictures[camera.name], "rgb8", time_ns)
             if info:
                 bag.write_camera(f"{COLOR}/camera_info", camera, distortion, model, time_ns)
+            if infrared:
+                large = camera.resized(2 * camera.width_px, 2 * camera.height_px)
+                bag.write_image("/camera/infra1/image_raw", np.zeros((large.height_px, large.width_px), np.uint8), "mono8", time_ns)
+                bag.write_camera("/camera/infra1/camera_info", large, (), "", time_ns)
             if depths_mm is not None:
                 steps = depths_mm[camera.name].astype("<u2")
                 bag.write_image(f"{DEPTH}/image_raw", steps, "16UC1", time_ns + 5_000_000, depth_frame)

@@ -129,6 +129,15 @@ def test_depth_of_another_camera_is_left_out_and_said(tmp_path, capsys):
     assert not source.depth and source.poses and "record depth that is aligned to colour" in said
 
 
+def test_colour_is_taken_rather_than_larger_infrared(tmp_path):
+    record(tmp_path / "arm", 2, CAMERAS[:3], PICTURES, infrared=True)
+    import_capture(tmp_path / "arm", tmp_path / "ours", ImportOptions())
+    assert np.array_equal(read_image(list_images(tmp_path / "ours/images")[0]), PICTURES[CAMERAS[0].name])
+    import_capture(tmp_path / "arm", tmp_path / "theirs", ImportOptions(topic="/camera/infra1/image_raw"))
+    (found, *_) = read_given_cameras(tmp_path / "theirs/cameras.json").images.values()
+    assert (found.lens.width_px, found.lens.height_px) == (320, 240)
+
+
 def test_a_camera_that_tf_does_not_move_is_estimated(tmp_path, capsys):
     still = [replace(camera, camera_from_world=CAMERAS[0].camera_from_world) for camera in CAMERAS]
     record(tmp_path / "arm.bag", 1, still, PICTURES)

@@ -31,10 +31,20 @@ STILL_M, STILL_TURN = 0.001, 0.001  # a camera that moves and turns by no more, 
 
 @dataclass(frozen=True)
 class Stream:
-    """Images of one topic; `size_px` is (width, height), and `frame_id` the frame of the camera, as its first message says."""
+    """Images of one topic, as its first message has them.
+
+    Attributes:
+        topic: its name.
+        is_depth: whether they are depth.
+        is_grey: whether they are pictures without colour, such as those of an infrared camera.
+        size_px: (width, height).
+        frame_id: of the camera.
+        count: how many there are.
+    """
 
     topic: str
     is_depth: bool
+    is_grey: bool
     size_px: tuple[int, int]
     frame_id: str
     count: int
@@ -68,8 +78,9 @@ class Recording:
                 is_depth = message.encoding in DEPTHS and (message.encoding != "mono16" or "depth" in topic)
             image = read_depth(message) if is_depth else read_color(message)
             if image is not None:
-                frame_id = message.header.frame_id.lstrip("/")
-                found.append(Stream(topic, is_depth, (image.shape[1], image.shape[0]), frame_id, self.counts[topic]))
+                is_grey = not is_depth and not np.ptp(image, axis=2).any()
+                size_px, frame_id = (image.shape[1], image.shape[0]), message.header.frame_id.lstrip("/")
+                found.append(Stream(topic, is_depth, is_grey, size_px, frame_id, self.counts[topic]))
         return found
 
     def find_info(self, stream: Stream) -> str | None:
@@ -148,7 +159,7 @@ def _read(recording: Recording, path: Path, options: ImportOptions) -> ImportedC
 
 
 def _choose_color(recording: Recording, streams: list[Stream], path: Path, wanted: str | None) -> tuple[Stream, str]:
-    """The colour images that are taken, and the topic of their camera's message: of several, those with most pixels."""
+    """The colour images that are taken, and the topic of their camera's message: of several, coloured ones with most pixels."""
     colors = [stream for stream in streams if not stream.is_depth]
     listed = ", ".join(f"{stream.topic} ({stream.count} images)" for stream in colors) or "none"
     if wanted is not None and (colors := [stream for stream in colors if stream.topic == wanted]) == []:
@@ -159,7 +170,7 @@ def _choose_color(recording: Recording, streams: list[Stream], path: Path, wante
             f"the bag {path} has no colour images with a sensor_msgs/CameraInfo on camera_info beside them; colour images: {listed}."
             " Record the topic camera_info, too, or give the images alone, as a folder"
         )
-    return max(calibrated, key=lambda one: (one[0].size_px[0] * one[0].size_px[1], one[0].count))
+    return max(calibrated, key=lambda one: (not one[0].is_grey, one[0].size_px[0] * one[0].size_px[1], one[0].count))
 
 
 def _choose_depth(streams: list[Stream], color: Stream) -> tuple[Stream | None, str]:
