@@ -15,7 +15,6 @@ from scipy.sparse.csgraph import connected_components
 from zeroshop_steps.geometry.cameras.registered_views import View, find_possible
 from zeroshop_steps.geometry.cameras.transforms import shrink_camera
 from zeroshop_steps.geometry.meshes.mesh_repair import drop_repeated_faces, find_triangles
-from zeroshop_steps.geometry.meshes.simplification import decimate, smooth_taubin
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.errors import StepError
@@ -27,6 +26,7 @@ RENDER_PX = 320  # longer side of the renders that tell which parts are seen; sm
 MASK_MARGIN_PX = 3.0  # a vertex this far outside a mask is outside: borders of masks are about this uncertain
 OUTSIDE_VIEWS = 2  # photos whose masks a vertex must lie outside of; one mask alone may be wrong
 MIN_FACES = 100  # fewer cannot describe an object
+TAUBIN_LAMBDA, TAUBIN_MU = 0.5, -0.53  # Taubin 1995: a step that shrinks, then one that grows a little more
 DECIMATION_QUALITY = 0.3  # MeshLab's threshold against slivers, its default; given since it would else keep that of its last call
 BORDER_WEIGHT = 2.0  # edges of open borders count twice in the decimation, so that borders keep their shape
 
@@ -63,59 +63,55 @@ def clean_mesh(
         mesh: the cleaned mesh, oriented towards the cameras; without views, as it was.
         dropped: how many parts were removed, by reason.
     """
+    import pymeshlab
+
     mesh = _weld(raw)
     mesh = _trim_to_masks(mesh, views)
     mesh, dropped = drop_floaters(mesh, views, min_part)
-    mesh = decimate(smooth_taubin(_repair(mesh, max_hole_edges), smooth), max_faces)
-    mesh = _repair(mesh, max_hole_edges)
+    worker = pymeshlab.MeshSet(verbose=False)
+    worker.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))
+    worker.meshing_repair_non_manifold_edges(method="Remove Faces")
+    worker.meshing_repair_non_manifold_vertices(vertdispratio=0.0)
+    if max_hole_edges > 0:
+        worker.meshing_close_holes(maxholesize=max_hole_edges, selfintersection=False, newfaceselected=False)
+    worker.set_selection_none()  # otherwise the filters below change only the selected faces
+    if smooth > 0:
+        worker.apply_coord_taubin_smoothing(lambda_=TAUBIN_LAMBDA, mu=TAUBIN_MU, stepsmoothnum=smooth)
+    _decimate(worker, max_faces, closed=False)
+    worker.meshing_remove_null_faces()
+    worker.meshing_remove_unreferenced_vertices()
+    result = worker.current_mesh()
+    mesh = Mesh(np.array(result.vertex_matrix()), np.array(result.face_matrix(), np.int64))
     if len(mesh.faces) == 0:
         raise StepError("nothing is left of the mesh after repair: it has no connected surface; add photos or check the masks")
     return _turn_towards_cameras(mesh, views), dropped
 
 
-def _repair(mesh: Mesh, max_hole_edges: int) -> Mesh:
-    """The mesh without edges and vertices at which more than one surface meets, and with small holes closed."""
-    import pymeshlab
-
-    worker = pymeshlab.MeshSet(verbose=False)
-    worker.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))
-    worker.meshing_remove_null_faces()
-    worker.meshing_repair_non_manifold_edges(method="Remove Faces")
-    worker.meshing_repair_non_manifold_vertices(vertdispratio=0.0)
-    if max_hole_edges > 0:
-        worker.meshing_close_holes(maxholesize=max_hole_edges, selfintersection=False, newfaceselected=False)
-    worker.meshing_remove_unreferenced_vertices()
-    return _read_mesh(worker)
-
-
 def simplify(mesh: Mesh, max_faces: int, smooth: int) -> Mesh:
-    """A closed mesh smoothed by Taubin steps and decimated to at most `max_faces`; it stays closed.
-
-    By MeshLab, which keeps the topology, where `decimate` does not.
-    """
+    """A closed mesh smoothed by Taubin steps and decimated to at most `max_faces`; it stays closed."""
     import pymeshlab
 
-    mesh = smooth_taubin(mesh, smooth)
-    if len(mesh.faces) <= max_faces:
-        return mesh
     worker = pymeshlab.MeshSet(verbose=False)
     worker.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))
-    worker.meshing_decimation_quadric_edge_collapse(
-        targetfacenum=max_faces,
-        qualitythr=DECIMATION_QUALITY,  # every option is given: MeshLab would take missing ones from its last call
-        preserveboundary=True,
-        preservetopology=True,
-        boundaryweight=BORDER_WEIGHT,
-        preservenormal=True,
-        planarquadric=True,
-        autoclean=True,
-    )
-    return _read_mesh(worker)
-
-
-def _read_mesh(worker: "pymeshlab.MeshSet") -> Mesh:
+    if smooth > 0:
+        worker.apply_coord_taubin_smoothing(lambda_=TAUBIN_LAMBDA, mu=TAUBIN_MU, stepsmoothnum=smooth)
+    _decimate(worker, max_faces, closed=True)
     result = worker.current_mesh()
     return Mesh(np.array(result.vertex_matrix()), np.array(result.face_matrix(), np.int64))
+
+
+def _decimate(worker: "pymeshlab.MeshSet", max_faces: int, closed: bool) -> None:
+    if worker.current_mesh().face_number() > max_faces:
+        worker.meshing_decimation_quadric_edge_collapse(
+            targetfacenum=max_faces,
+            qualitythr=DECIMATION_QUALITY,  # every option is given: MeshLab would take missing ones from its last call
+            preserveboundary=True,
+            preservetopology=closed,
+            boundaryweight=BORDER_WEIGHT,
+            preservenormal=True,
+            planarquadric=True,
+            autoclean=True,
+        )
 
 
 def drop_floaters(mesh: Mesh, views: list[View], min_part: float) -> tuple[Mesh, dict[str, int]]:

@@ -29,7 +29,6 @@ MODULES = (
     "cv2",
     "pycolmap",
     "pymeshlab",
-    "fast_simplification",
     "xatlas",
     "trimesh",
     "zeroshop_steps.runtime.open3d_loader",

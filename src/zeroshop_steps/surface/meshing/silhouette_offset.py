@@ -8,7 +8,7 @@ tell this amount.
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.meshes.simplification import smooth_taubin
+from zeroshop_steps.geometry.meshes.smoothing import smooth_taubin
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.compute.thread_pool import map_in_threads

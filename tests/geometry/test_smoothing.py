@@ -1,10 +1,10 @@
-"""Smoothing and decimation of meshes."""
+"""Smoothing of meshes."""
 
 import numpy as np
 import pytest
 import trimesh
 
-from zeroshop_steps.geometry.meshes.simplification import TAUBIN_LAMBDA, TAUBIN_MU, decimate, smooth_taubin
+from zeroshop_steps.geometry.meshes.smoothing import TAUBIN_LAMBDA, TAUBIN_MU, smooth_taubin
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 
 
@@ -56,20 +56,3 @@ def test_smoothing_keeps_size_straight_borders_and_vertices_without_faces():
     assert np.allclose(smoothed[-1], [7.0, 8.0, 9.0])
     middle = np.isin(loose.vertices[:, 0], np.arange(5, 16)) & (loose.vertices[:, 1] == 0)
     assert np.abs(smoothed[middle, 1]).max() < 0.02, "a straight border stays where it is, away from its corners"
-
-
-def test_decimation_stays_near_the_surface():
-    bumpy = ball(6)
-    bumpy = Mesh(bumpy.vertices * (1 + 0.05 * np.sin(5 * bumpy.vertices[:, :1])), bumpy.faces)
-    few = decimate(bumpy, 4000)
-    assert 3900 < len(few.faces) <= 4000
-    edges = np.sort(few.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), 1)
-    assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all(), "it stays closed, and no edge has three faces"
-    radius, height = np.linalg.norm(few.vertices, axis=1), few.vertices[:, 0]
-    assert np.abs(radius / (1 + 0.05 * np.sin(5 * height / radius)) - 1).max() < 0.003
-    assert few.as_trimesh().volume == pytest.approx(bumpy.as_trimesh().volume, rel=0.002)
-
-
-def test_few_faces_are_left_alone():
-    mesh = ball(1)
-    assert decimate(mesh, 80) is mesh
