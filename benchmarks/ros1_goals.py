@@ -22,13 +22,13 @@ import numpy as np
 
 from zeroshop_steps.bop.formats.bop_scenes import read_scene
 from zeroshop_steps.robot.goal_camera import FixedCamera
-from zeroshop_steps.robot.image_messages import write_image
 from zeroshop_steps.robot.object_store import ObjectStore
 from zeroshop_steps.robot.recognition import Recognition, RecognitionRequest, RecognizedObject, make_frame
 from zeroshop_steps.robot.recognizers import make_recognizers
 from zeroshop_steps.robot.ros1.environment import provide_ros
 from zeroshop_steps.robot.ros1.messages import ActionMessages, load_messages
 from zeroshop_steps.robot.ros1.servers import RecognitionServers
+from zeroshop_steps.ros.image_messages import write_image
 
 WIDTH, HEIGHT = 64, 48
 STAND_IN, REAL = "/pose_estimator/stand_in", "/pose_estimator/render_compare"
