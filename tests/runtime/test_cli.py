@@ -9,7 +9,7 @@ import pytest
 import zeroshop_steps
 from zeroshop_steps.runtime.cli import stage_main, stage_methods
 
-NO_STAGES = ("runtime", "geometry", "plan", "app")
+NO_STAGES = ("runtime", "geometry", "ros", "plan", "app")
 STAGES = [found.name for found in pkgutil.iter_modules(zeroshop_steps.__path__) if found.ispkg and found.name not in NO_STAGES]
 
 
