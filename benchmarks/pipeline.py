@@ -95,10 +95,8 @@ class Trace:
         rows: list[dict[str, object]] = []
         for stage in {stage for stage, _ in self.memory_mb}:
             memory_mb = [value for (name, _), value in self.memory_mb.items() if name == stage]
-            wall_s, cpu_s = (
-                len(memory_mb) * self.wall_s / self.samples,
-                sum(value for (name, _, _), value in self.seconds.items() if name == stage),
-            )
+            wall_s = len(memory_mb) * self.wall_s / self.samples
+            cpu_s = sum(value for (name, _, _), value in self.seconds.items() if name == stage)
             read_mb, written_mb = np.sum([value for (name, _), value in self.transfers_mb.items() if name == stage], axis=0)
             rows.append({
                 "stage": stage, "wall_s": round(wall_s, 1), "cpu_s": round(cpu_s, 1), "cores": round(cpu_s / wall_s, 2),

@@ -8,9 +8,9 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
+from zeroshop_steps.ros.camera_info import FISHEYE, read_matrices
 from zeroshop_steps.runtime.errors import StepError
 
-FISHEYE = ("equidistant", "fisheye")
 MODELS: dict[str, tuple[int, ...]] = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), **dict.fromkeys(FISHEYE, (4,))}
 """Models of distortion of sensor_msgs/CameraInfo, and how many coefficients they have."""
 UNSEEN_PX = 0.5  # a distortion that moves no pixel farther is none
@@ -110,15 +110,13 @@ def read_lens(message: Any, width: int, height: int, rectified: bool) -> GoalLen
             f"the camera's message is about images of {message.width} x {message.height} px, the goal's are {width} x {height} px;"
             " name the topic of the camera that takes the goal's images"
         )
-    intrinsics = np.array(_field(message, "k"), float).reshape(3, 3)
+    intrinsics, projection, coefficients = read_matrices(message)
     if not intrinsics[0, 0] > 0:
         raise StepError(
             "the camera's message has no focal length (K is 0, or no number): calibrate the camera, or start the servers with --intrinsics"
         )
-    projection = np.array(_field(message, "p", np.zeros(12)), float).reshape(3, 4)[:, :3]
     if rectified:
         return GoalLens(projection if projection[0, 0] > 0 else intrinsics, None)
-    coefficients = np.array(_field(message, "d", ()), float)
     if not coefficients.any():
         return GoalLens(intrinsics, None)
     model = getattr(message, "distortion_model", "") or "plumb_bob"
@@ -133,8 +131,3 @@ def read_lens(message: Any, width: int, height: int, rectified: bool) -> GoalLen
     columns, rows = undistort(intrinsics, coefficients, np.eye(3), *form)
     shift_px = np.hypot(columns - np.arange(width), rows - np.arange(height)[:, None]).max()
     return GoalLens(intrinsics, (columns, rows) if shift_px > UNSEEN_PX else None)
-
-
-def _field(message: Any, name: str, otherwise: Any = None) -> Any:
-    """A field that has a capital in ROS 1 and a small letter in ROS 2."""
-    return getattr(message, name.upper(), None) if hasattr(message, name.upper()) else getattr(message, name, otherwise)

@@ -23,16 +23,7 @@ SYSTEM_PACKAGES = {
     "libudev.so.1": "libudev1",
     "libgomp.so.1": "libgomp1",
 }
-MODULES = (
-    "torch",
-    "numba",
-    "cv2",
-    "pycolmap",
-    "pymeshlab",
-    "xatlas",
-    "trimesh",
-    "zeroshop_steps.runtime.open3d_loader",
-)
+MODULES = ("torch", "numba", "cv2", "pycolmap", "OpenEXR", "pymeshlab", "xatlas", "trimesh", "zeroshop_steps.runtime.open3d_loader")
 
 
 def missing_packages(packages: Mapping[str, str] = SYSTEM_PACKAGES) -> list[str]:

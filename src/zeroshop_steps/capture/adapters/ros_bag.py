@@ -18,6 +18,7 @@ from zeroshop_steps.capture.cameras_json import Lens
 from zeroshop_steps.capture.video import FRAMES, MOST_FRAMES, choose_frames, measure_frames
 from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.ros.bags import MOST_APART_NS, RECTIFIED, require_rosbags, stamp_of
+from zeroshop_steps.ros.camera_info import FISHEYE, read_matrices
 from zeroshop_steps.ros.compressed_images import is_compressed
 from zeroshop_steps.ros.image_messages import DEPTHS, read_color, read_depth
 from zeroshop_steps.runtime.errors import StepError
@@ -134,16 +135,22 @@ def _read(recording: Recording, path: Path, options: ImportOptions) -> ImportedC
     depth, remark = _choose_depth(streams, color)
     said += [remark] if remark else []
 
-    def images(numbers: Iterable[int] | None = None) -> Iterator[tuple[int, np.ndarray]]:
-        wanted = None if numbers is None else set(numbers)
-        if wanted is None or wanted:
-            for number, (_, message) in enumerate(recording.read(color.topic)):
-                if wanted is None or number in wanted:
-                    yield number, read_color(message)
+    stamps_ns: dict[int, int] = {}
 
-    scan = measure_frames(image for _, image in images())
+    def all_images() -> Iterator[np.ndarray]:
+        for number, (_, message) in enumerate(recording.read(color.topic)):
+            stamps_ns[number] = stamp_of(message)
+            yield read_color(message)
+
+    def images(numbers: Iterable[int]) -> Iterator[tuple[int, np.ndarray]]:
+        wanted = set(numbers)
+        if wanted:
+            yield from (
+                (number, read_color(message)) for number, (_, message) in enumerate(recording.read(color.topic)) if number in wanted
+            )
+
+    scan = measure_frames(all_images())
     chosen = bridge_gaps(images, choose_frames(scan, FRAMES), scan.find_between, MOST_FRAMES)
-    stamps_ns = {number: stamp_of(message) for number, (_, message) in enumerate(recording.read(color.topic))}
     poses = _find_poses(tree, color, stamps_ns, path, said)
     unpacked = tempfile.TemporaryDirectory(prefix="zeroshop_bag_")
     folder, depths = Path(unpacked.name), _match_depth(recording, depth, [stamps_ns[number] for number in chosen])
@@ -225,17 +232,16 @@ def read_camera_message(message: Any, size_px: tuple[int, int], rectified: bool,
     Raises:
         StepError: it is of another image size, was never calibrated, or has a distortion that COLMAP's models lack.
     """
-    fields = {name: np.array(getattr(message, name, getattr(message, name.upper(), ())), float) for name in ("k", "d", "p")}
+    intrinsics, projection, distortion = read_matrices(message)
     if (message.width, message.height) != size_px:
         raise StepError(f"{topic} is about images of {message.width} x {message.height} px, the images have {size_px[0]} x {size_px[1]} px")
-    projection = fields["p"].reshape(3, 4)[:, :3] if len(fields["p"]) else np.zeros((3, 3))
-    matrix = projection if rectified and projection[0, 0] > 0 else fields["k"].reshape(3, 3)
+    matrix = projection if rectified and projection[0, 0] > 0 else intrinsics
     if not (np.isfinite(matrix).all() and matrix[0, 0] > 0):
         raise StepError(f"{topic} has no focal length (K is 0, or no number): calibrate the camera, and record again")
-    lens, distortion = Lens.pinhole(matrix, size_px, 0.5), fields["d"]
+    lens = Lens.pinhole(matrix, size_px, 0.5)
     if rectified or not distortion.any():
         return lens
-    if message.distortion_model in ("equidistant", "fisheye") and len(distortion) == 4:
+    if message.distortion_model in FISHEYE and len(distortion) == 4:
         return Lens("OPENCV_FISHEYE", *size_px, (*lens.params, *distortion.tolist()))
     if (
         message.distortion_model not in ("", "plumb_bob", "rational_polynomial")

@@ -79,8 +79,9 @@ def draw_nearest(pixels, depths, faces, nearest_depth, bands, inverse_depth, fac
         face_of: (P, H, W) int32 to fill, -1 where nothing is.
     """
     height, width = face_of.shape[1:]
-    rows_of = np.empty((len(pixels), len(faces), 2), np.int32)  # so that each band reads the corners of its own faces alone
-    for part in numba.prange(len(pixels) * bands):
+    # So that each band reads the corners of its own faces alone; where a band is a picture, it reads all of them anyway.
+    rows_of = np.empty((len(pixels) if bands > 1 else 0, len(faces), 2), np.int32)
+    for part in numba.prange(len(rows_of) * bands):
         picture, chunk = part // bands, part % bands
         for face in range(chunk * len(faces) // bands, (chunk + 1) * len(faces) // bands):
             corners = read_corners(pixels[picture], depths[picture], faces, face)
@@ -91,7 +92,7 @@ def draw_nearest(pixels, depths, faces, nearest_depth, bands, inverse_depth, fac
         inverse, found = inverse_depth[picture], face_of[picture]
         inverse[first : last + 1], found[first : last + 1] = 0, -1
         for face in range(len(faces)):
-            if rows_of[picture, face, 0] > last or rows_of[picture, face, 1] < first:
+            if bands > 1 and (rows_of[picture, face, 0] > last or rows_of[picture, face, 1] < first):
                 continue
             corners = read_corners(pixels[picture], depths[picture], faces, face)
             left, right, top, bottom = find_pixels(corners, first, last, width, nearest_depth)
