@@ -10,7 +10,6 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import pycolmap
 from capture_benchmark.inputs import make_inputs
 from capture_benchmark.mask_stage import PICTURE, MaskCommand, judge_masks, run_masks
 from capture_benchmark.mesh_stage import MASK_PICTURE, MESH_PICTURE, judge_mesh, run_all
@@ -28,7 +27,6 @@ STAGES = {"inputs": [], "masks": [PICTURE], "all": [MESH_PICTURE, MASK_PICTURE]}
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status: 1 where something cannot be run, 0 else, however the captures end."""
     args = parse_arguments(argv)
-    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     try:
         captures = choose_captures(read_captures(args.table), args.half, args.only)
         return run(captures, args)
