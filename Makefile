@@ -2,7 +2,7 @@
 # make check   runs the checks and the fast tests
 # make test    runs every check and test
 # make faults  runs the long faults: killed runs, large inputs (docs/faults.md)
-# make lint    runs the checks alone: format, types and rules
+# make lint    runs the checks alone: format, types, rules and the Dockerfile
 # make gpu     adds what a card with CUDA 13 needs, and says what it can run; then: --workflow-profile profiles/gpu
 # make viewer  rebuilds the report's scripts after a change to their sources; needs node and npm
 # make docs    builds the documents as a site, build/site
@@ -51,6 +51,7 @@ style: $(READY)
 	$(BIN)/ruff format --check src tests benchmarks docs
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
+	$(BIN)/hadolint Dockerfile
 
 bench: $(READY)
 	$(BIN)/python benchmarks/kernels.py

@@ -145,7 +145,6 @@ def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
     options = read_options(args)
     prepare, image_set = make_matcher(args, options), read_image_set(args.capture)
-    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     write_registration(args.out, lambda folder: register(image_set, folder, options, prepare))
 
 

@@ -12,8 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import pycolmap
-
 from zeroshop_steps.networks.aliked import EXTRACTOR, FOLDER, MATCHER, has_weights
 from zeroshop_steps.networks.saliency.salient_networks import DEFAULT, NETWORKS
 from zeroshop_steps.networks.saliency.salient_object import add_network_arguments, load_network
@@ -43,7 +41,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
     image_set = read_image_set(args.capture)
-    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     learned = aliked.read_options(args)
     network = None if image_set.masks is not None or args.network is None else load_network(args)
     find_maps = functools.cache(predicted_masks.find_object_maps)

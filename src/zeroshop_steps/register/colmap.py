@@ -85,7 +85,6 @@ def read_options(args: argparse.Namespace) -> ColmapOptions:
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
     options, image_set = read_options(args), read_image_set(args.capture)
-    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     write_registration(args.out, lambda folder: register(image_set, folder, options))
 
 

@@ -105,7 +105,6 @@ def run(args: argparse.Namespace) -> None:
     weights = resolve_weights(args.weights, NAME, SIZES)
     image_set = read_image_set(args.capture)
     torch.set_num_threads(args.threads)
-    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
 
     def predictor() -> Mast3rPredictor:
         # Of photos in which the object was turned, the network must not see the ground, which stood still.

@@ -5,6 +5,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pycolmap
+
 from zeroshop_steps.register.refinement.camera_deviation import write_deviations
 from zeroshop_steps.register.scene.record import OBJECT_ONLY, SCENES
 from zeroshop_steps.register.verification.view_coverage import record_view_coverage
@@ -35,6 +37,7 @@ def write_registration(out: Path, register: Callable[[Path], dict[str, Any]], es
         register: fills it; returns the entries of registration.json.
         estimated: whether the cameras were, and so are uncertain; true ones have no deviations.
     """
+    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     with atomic_directory(out) as folder:
         record = {"status": "ok", "reason": None, **register(folder)} | record_view_coverage(folder)
         if estimated:

@@ -39,7 +39,6 @@ def run(args: argparse.Namespace) -> None:
     if not (truth / "cameras.bin").is_file() and not (truth / "cameras.txt").is_file():
         raise StepError(f"{truth} holds no COLMAP model of true cameras; only virtual captures have one, use --method colmap for photos")
     image_set = read_image_set(args.capture)
-    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     options = sift.SiftOptions(threads=args.threads)
     write_registration(args.out, lambda folder: register(image_set, truth, args.scene, folder, options), estimated=False)
 

@@ -7,8 +7,6 @@ metres are the unit. Images without a pose are placed among the others.
 
 import argparse
 
-import pycolmap
-
 from zeroshop_steps.capture.cameras_json import FILE, read_given_cameras
 from zeroshop_steps.register.colmap import ColmapOptions, add_own_arguments, read_options
 from zeroshop_steps.register.pipeline import add_matching_arguments
@@ -37,5 +35,4 @@ def run(args: argparse.Namespace) -> None:
         raise StepError(f"{path} does not exist: no cameras came with this capture; use --method colmap, or import one (zeroshop import)")
     given, image_set = read_given_cameras(path), read_image_set(args.capture)
     options: ColmapOptions = read_options(args)
-    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     write_registration(args.out, lambda folder: register(image_set, given, folder, options))

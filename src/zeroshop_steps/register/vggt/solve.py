@@ -85,7 +85,6 @@ def solve(args: argparse.Namespace, published: Collection[str]) -> None:
         return predict_peak_bytes(settings, weights.stat().st_size, count, size_px, points, chunk, half)
 
     network, figures = load_network("VGGT", partial(VggtNetwork, weights, settings), predict, image_set, size_px, args)
-    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     write_registration(
         args.out,
         lambda folder: register(image_set, folder, options, network, settings.image_px, settings.patch_px, figures),
