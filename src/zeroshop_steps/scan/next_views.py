@@ -17,7 +17,7 @@ NEARLY = 0.85  # of the best gain: maps are not more exact, and the nearest of t
 ASKED = 16  # views that an arm is asked for at once, from the best down
 LEAST_ANGLE_DEG = 8.0  # between a proposal and views that were taken, as seen from the object
 PROPOSALS = 5
-ENOUGH_SHARE = 0.01
+ENOUGH_SHARE = 0.005
 """Of the known surface: if no reachable view gains more, it is enough. What is left then is at the edges of cells."""
 
 

@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rotation-deviation", type=float, default=0.05, help="of the poses, degrees (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the table and of all noise (default: %(default)s)")
     parser.add_argument("--threads", type=int, default=0, help="threads for shading (default: all)")
-    parser.add_argument("--out", type=Path, required=True, help="capture folder to write; one that was begun is continued")
+    parser.add_argument("--out", type=Path, required=True, help="capture folder to write; next_best continues one that was begun")
 
 
 def run(args: argparse.Namespace) -> None:
@@ -65,6 +65,8 @@ def run(args: argparse.Namespace) -> None:
     )
     source = f"simulated {args.arm} with a camera on its hand"
     scan = Scan(ScanRecorder(args.out, source, *(deviation or None for deviation in deviations)), surface, robot.sphere)
+    if scan.views and args.policy != NEXT_BEST:
+        raise StepError(f"{args.out} holds a scan that was begun; only {NEXT_BEST} continues one: name a new folder")
     true = TrueSurface(scene, map(robot.sphere.camera_at, robot.reachable_views()), args.seed)
     lens = Lens.pinhole(robot.sphere.camera.intrinsics, (args.width, args.height))
     measured, rows = np.zeros(len(true.measurable), bool), []

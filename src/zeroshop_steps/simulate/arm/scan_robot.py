@@ -93,8 +93,8 @@ class ScanRobot:
         """Stops of `count` views in all, on rings that are half a step apart; what the arm does not reach is left out."""
         each = [count // len(elevations_deg) + (index < count % len(elevations_deg)) for index in range(len(elevations_deg))]
         for index, (elevation_deg, views) in enumerate(zip(elevations_deg, each, strict=True)):
-            first_deg = 180.0 + (180.0 / views * index if views else 0.0)
-            # From the arm's side on; views between are planned from where the arm then is.
+            # The arm is in its own way towards the side that faces it, most of all low: no view of the first ring is there.
+            first_deg = 180.0 + (180.0 / views * (1 + index) if views else 0.0)
             for view in self.sphere.ring(self.scene.box, views, elevation_deg, first_deg) if views else ():
                 (move,) = self.reach.plan(view[None])
                 if move is not None:
