@@ -9,6 +9,7 @@ from zeroshop_steps.scan.workspace import Box
 
 POINT_GAP_M = 0.025  # of the points on a capsule's middle line: less than the radius of any link
 CLEARANCE_M = 0.01  # that the body keeps from everything: servos, calibration and the capsules' shape are off by less
+PATH_STEP_RAD = 0.02  # of the joint that turns most, between postures that are looked at: 2 cm at an arm's length of 1 m
 MOVING_FROM = 2  # parts of frames before this stand on the table
 MEETING = 2  # parts whose frames are so many joints apart, or fewer, meet at a joint and are not compared
 
@@ -44,12 +45,12 @@ class ClearanceCheck:
         first, second = np.nonzero(np.triu(np.abs(frames[:, None] - frames) > MEETING))
         for row in rows:
             apart = np.linalg.norm(placed[row, first] - placed[row, second], axis=1)
-            clear[row] = bool((apart > radii[first] + radii[second]).all())
+            clear[row] = bool((apart > radii[first] + radii[second] + CLEARANCE_M).all())
         return np.asarray(clear)
 
-    def is_path_clear(self, start_rad: np.ndarray, end_rad: np.ndarray, step_rad: float = 0.08) -> bool:
-        """Whether all postures between two are clear when all joints move evenly; `step_rad` is how finely that is looked at."""
-        count = max(2, int(np.ceil(np.abs(end_rad - start_rad).max() / step_rad)) + 1)
+    def is_path_clear(self, start_rad: np.ndarray, end_rad: np.ndarray) -> bool:
+        """Whether all postures between two are clear when all joints move evenly."""
+        count = max(2, int(np.ceil(np.abs(end_rad - start_rad).max() / PATH_STEP_RAD)) + 1)
         shares = np.linspace(0.0, 1.0, count)[:, None]
         return bool(self.is_clear(start_rad + shares * (end_rad - start_rad)).all())
 
