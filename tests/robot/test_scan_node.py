@@ -229,8 +229,6 @@ def test_an_old_image_is_not_recorded(node: ScanNode, monkeypatch: pytest.Monkey
 def test_options_that_contradict_are_told(tmp_path: Path) -> None:
     with pytest.raises(StepError, match="either --depth-topic, or --without-depth"):
         make_node(arguments(tmp_path, depth_topic=None))
-    with pytest.raises(StepError, match="needs --flange-from-camera"):
-        make_node(arguments(tmp_path, arm="ur5e"))
 
 
 def test_tf_does_not_grow_without_end() -> None:

@@ -64,7 +64,11 @@ def make_scan(args: argparse.Namespace, recorder: ScanRecorder, lens: Lens) -> S
 
 
 def make_reach(args: argparse.Namespace) -> Reach:
-    """Where the camera can be brought. Raises StepError where an arm has no calibration of its hand."""
+    """Where the camera can be brought; an arm's posture now is not known, and taken for its home.
+
+    Raises:
+        StepError: an arm has no calibration of its hand.
+    """
     box = make_box(args)
     if args.arm is None:
         base_m = None if args.reach_m is None else np.zeros(3)
