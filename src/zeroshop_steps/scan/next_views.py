@@ -92,7 +92,7 @@ def _explain(enough: bool, best: float, coverage: Coverage, taken: int, unreacha
         return "no view yet"
     if not coverage.surface:
         return "no surface was measured in the box around the object: is the box at the right place, in metres, and is there depth?"
-    seen = f"{taken} views, {coverage.well_seen:.0%} of the measured surface seen as often as wanted"
+    seen = f"{taken} views, {coverage.well_seen:.0%} of the known surface seen as often as wanted"
     if enough:
         out_of_reach = f"; {unreachable} better views cannot be reached" if unreachable else ""
         return f"enough: {seen}; no reachable view adds more than {best:.1%}{out_of_reach}"
