@@ -18,6 +18,7 @@ ROOMS = [
     "bop",
     "synthetic",
     "capture",
+    "scan",
     "register",
     "segment",
     "join",

@@ -65,6 +65,18 @@ class TransformTree:
             link.times_ns = [link.times_ns[index] for index in order]
             link.transforms = [link.transforms[index] for index in order]
 
+    def forget_before(self, time_ns: int) -> None:
+        """Drop older transforms, but for the last of each frame."""
+        for link in self._links.values():
+            kept = max(0, min(int(np.searchsorted(np.sort(link.times_ns), time_ns)), len(link.times_ns) - 1))
+            order = np.argsort(link.times_ns, kind="stable")[kept:]
+            link.times_ns = [link.times_ns[index] for index in order]
+            link.transforms = [link.transforms[index] for index in order]
+
+    def is_parent(self, frame: str) -> bool:
+        """Whether other frames are placed in a frame."""
+        return any(link.parent == frame for link in self._links.values())
+
     def find_chain(self, frame: str) -> list[Link]:
         """The links from a frame up to the root of its tree; none where the frame is not known."""
         chain, seen = [], set()

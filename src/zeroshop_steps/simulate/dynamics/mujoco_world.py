@@ -69,8 +69,19 @@ def _add_gripper(spec: mujoco.MjSpec, gripper: Gripper, world_from_gripper: np.n
     damping = 2.0 * np.sqrt(physics.arm_stiffness_n_m * (physics.hand_mass_kg + 2 * physics.finger_mass_kg))
     for name, axis in zip(CARRIAGE_AXES, np.eye(3), strict=True):
         carriage.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
-        _add_servo(spec, name, physics.arm_stiffness_n_m, float(damping), physics.arm_force_n)
-    palm = carriage.add_body(name=PALM, quat=quaternion(world_from_gripper[:3, :3]), gravcomp=1.0)
+        add_servo(spec, name, physics.arm_stiffness_n_m, float(damping), physics.arm_force_n)
+    turned = np.eye(4)
+    turned[:3, :3] = world_from_gripper[:3, :3]
+    add_hand(spec, carriage, gripper, turned, physics)
+    for finger in FINGERS:
+        spec.add_exclude(bodyname1="carriage", bodyname2=finger)
+
+
+def add_hand(
+    spec: mujoco.MjSpec, carrier: mujoco.MjsBody, gripper: Gripper, carrier_from_gripper: np.ndarray, physics: Physics
+) -> mujoco.MjsBody:
+    """Fix a gripper to what carries it, (4, 4) in metres; its fingers slide along its y. Returns the palm."""
+    palm = carrier.add_body(name=PALM, pos=carrier_from_gripper[:3, 3], quat=quaternion(carrier_from_gripper[:3, :3]), gravcomp=1.0)
     palm.explicitinertial = True
     palm.mass, palm.inertia = physics.hand_mass_kg, [0.001] * 3
     boxes = gripper.boxes(np.zeros(1))[0]
@@ -85,10 +96,11 @@ def _add_gripper(spec: mujoco.MjSpec, gripper: Gripper, world_from_gripper: np.n
         geom = _add_box(finger, name, box)
         _set_contact(geom, physics)
         moved = physics.finger_mass_kg + ARMATURE_KG
-        _add_servo(spec, name, SERVO_STIFFNESS, 2.0 * float(np.sqrt(SERVO_STIFFNESS * moved)), physics.finger_force_n)
+        add_servo(spec, name, SERVO_STIFFNESS, 2.0 * float(np.sqrt(SERVO_STIFFNESS * moved)), physics.finger_force_n)
     spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, name1="left", name2="right", data=[0, 1] + [0] * 10)
-    for one, other in (("left", "right"), (PALM, "left"), (PALM, "right"), ("carriage", "left"), ("carriage", "right")):
+    for one, other in (("left", "right"), (PALM, "left"), (PALM, "right")):
         spec.add_exclude(bodyname1=one, bodyname2=other)
+    return palm
 
 
 def _add_box(body: mujoco.MjsBody, name: str, box: np.ndarray) -> mujoco.MjsGeom:
@@ -96,7 +108,8 @@ def _add_box(body: mujoco.MjsBody, name: str, box: np.ndarray) -> mujoco.MjsGeom
     return body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_BOX, pos=(low + high) / 2, size=(high - low) / 2, mass=0.0)
 
 
-def _add_servo(spec: mujoco.MjSpec, joint: str, stiffness: float, damping: float, most: float) -> None:
+def add_servo(spec: mujoco.MjSpec, joint: str, stiffness: float, damping: float, most: float) -> None:
+    """Drive a joint to a position, with a spring and damper of at most this force or torque."""
     servo = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     servo.gaintype, servo.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
     servo.gainprm[0], servo.biasprm[1], servo.biasprm[2] = stiffness, -stiffness, -damping

@@ -1,0 +1,1 @@
+"""Arms of six joints: their kinematics, clearance and motions between viewpoints."""

@@ -1,0 +1,115 @@
+"""Scan a model with a simulated arm: MuJoCo moves it, a camera beside its gripper takes photos and depth, as a capture with cameras.
+
+`next_best` goes where most surface is not measured yet, until that is enough; `ring` and `two_rings` go around at fixed elevations. Writes
+images/, depth/ and cameras.json, which `zeroshop FOLDER` makes a mesh of, and scan.json: what each view added, against the true model.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.capture.cameras_json import Lens
+from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.grasp.gripper import GRIPPERS, find_gripper
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import write_json
+from zeroshop_steps.scan.arm.kinematics import ARMS, find_arm
+from zeroshop_steps.scan.assumed_surface import AssumedSurface
+from zeroshop_steps.scan.measured_surface import MeasuredSurface
+from zeroshop_steps.scan.next_views import Advice
+from zeroshop_steps.scan.recorder import ScanRecorder
+from zeroshop_steps.scan.session import Scan
+from zeroshop_steps.simulate.arm.completeness import TrueSurface
+from zeroshop_steps.simulate.arm.scan_robot import RINGS_DEG, ScanRobot, Stop
+from zeroshop_steps.simulate.arm.scan_scene import PROJECTOR_M, ScanScene
+from zeroshop_steps.synthetic.rendering.shading import use_threads
+
+NEXT_BEST = "next_best"
+DISTANCES_M = {"ur5e": 0.40, "ur10e": 0.60}
+"""From the base to the object, from where these arms reach nearly all sides of a hand-sized thing."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--model", type=Path, required=True, help="textured model.ply in mm, upright, z up")
+    parser.add_argument("--policy", choices=[NEXT_BEST, *RINGS_DEG], default=NEXT_BEST, help="(default: %(default)s)")
+    parser.add_argument("--views", type=int, default=30, help="most views, or those of the rings (default: %(default)s)")
+    parser.add_argument("--least-views", type=int, default=3, help="views wanted of each part of the surface (default: %(default)s)")
+    parser.add_argument("--without-depth", action="store_true", help="record no depth, and plan by the box around the object alone")
+    parser.add_argument("--arm", choices=list(ARMS), default="ur10e", help="(default: %(default)s)")
+    parser.add_argument("--gripper", choices=list(GRIPPERS), default="hsr", help="(default: %(default)s)")
+    parser.add_argument("--distance-m", type=float, help="from the arm's base to the object (default: 0.6, ur5e: 0.4)")
+    parser.add_argument("--width", type=int, default=1000, help="of the images in px (default: %(default)s)")
+    parser.add_argument("--height", type=int, default=750, help="of the images in px (default: %(default)s)")
+    parser.add_argument("--position-deviation", type=float, default=0.0005, help="of the poses, metres (default: %(default)s)")
+    parser.add_argument("--rotation-deviation", type=float, default=0.05, help="of the poses, degrees (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the table and of all noise (default: %(default)s)")
+    parser.add_argument("--threads", type=int, default=0, help="threads for shading (default: all)")
+    parser.add_argument("--out", type=Path, required=True, help="capture folder to write; next_best continues one that was begun")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Scan, and say what came of it."""
+    _check(args)
+    use_threads(args.threads)
+    scene = ScanScene(read_ply(args.model), args.model, args.distance_m or DISTANCES_M[args.arm], args.seed)
+    deviations = (args.position_deviation, args.rotation_deviation)
+    robot = ScanRobot(find_arm(args.arm), find_gripper(args.gripper), scene, args.width, args.height, *deviations, args.seed)
+    surface = (
+        AssumedSurface(scene.box, args.least_views)
+        if args.without_depth
+        else MeasuredSurface(scene.box, args.least_views, second_eye_m=PROJECTOR_M)
+    )
+    source = f"simulated {args.arm} with a camera on its hand"
+    scan = Scan(ScanRecorder(args.out, source, *(deviation or None for deviation in deviations)), surface, robot.sphere)
+    if scan.views and args.policy != NEXT_BEST:
+        raise StepError(f"{args.out} holds a scan that was begun; only {NEXT_BEST} continues one: name a new folder")
+    true = TrueSurface(scene, map(robot.sphere.camera_at, robot.reachable_views()), args.seed)
+    lens = Lens.pinhole(robot.sphere.camera.intrinsics, (args.width, args.height))
+    measured, rows = np.zeros(len(true.measurable), bool), []
+    for view in scan.views:
+        depth_m = scan.recorder.read_depth_m(view)
+        if depth_m is not None:
+            measured |= true.measured(robot.sphere.camera_at(view.world_from_camera), depth_m)
+    for stop in drive(robot, scan, args.policy, args.views):
+        rng = np.random.default_rng([args.seed, len(scan.views)])
+        depth_m = scene.depth_m(stop.camera, rng)
+        view = scan.record(scene.photo(stop.camera, rng), None if args.without_depth else depth_m, lens, stop.world_from_camera)
+        measured |= true.measured(stop.camera, depth_m)
+        share = true.share(measured)
+        rows.append({"view": view.name, "completeness": round(share, 4), "touched": stop.touched})
+        print(f"{view.name}: {share:.1%} of the surface within reach", file=sys.stderr)
+    advice = scan.propose(robot.reach)
+    facts = {"arm": args.arm, "policy": args.policy, "enough": advice.enough, "reason": advice.reason, "views": rows}
+    write_json(args.out / "scan.json", facts)
+    print(f"{args.out}: {len(scan.views)} views; {advice.reason}", file=sys.stderr)
+
+
+def drive(robot: ScanRobot, scan: Scan, policy: str, views: int) -> Iterator[Stop]:
+    """The stops of a policy; whoever takes them records each before the next."""
+    if policy != NEXT_BEST:
+        yield from robot.drive_ring(views, RINGS_DEG[policy])
+        return
+    while len(scan.views) < views and (stop := go_on(robot, scan.propose(robot.reach))) is not None:
+        yield stop
+
+
+def go_on(robot: ScanRobot, advice: Advice) -> Stop | None:
+    """Drive to the best proposal; None where it is enough, or none is left."""
+    return None if advice.enough or not advice.proposals else robot.go(advice.proposals[0].move)
+
+
+def _check(args: argparse.Namespace) -> None:
+    if not 1 <= args.views <= 500:
+        raise StepError(f"--views is {args.views}; expected 1 to 500")
+    if not 1 <= args.least_views <= 20:
+        raise StepError(f"--least-views is {args.least_views}; expected 1 to 20")
+    if not (64 <= args.width <= 8000 and 48 <= args.height <= 6000):
+        raise StepError(f"image size {args.width} x {args.height} px is out of range; give --width 64..8000 and --height 48..6000")
+    if args.distance_m is not None and not 0.2 <= args.distance_m <= 2.0:
+        raise StepError(f"--distance-m is {args.distance_m:g}; expected 0.2 to 2 metres from the arm's base to the object")
+    if min(args.position_deviation, args.rotation_deviation, args.seed) < 0:
+        raise StepError("--position-deviation, --rotation-deviation and --seed must not be negative")
