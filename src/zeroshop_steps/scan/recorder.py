@@ -10,12 +10,12 @@ import numpy as np
 
 from zeroshop_steps.capture.cameras_json import FILE, GivenCamera, GivenCameras, Lens, check_pose, read_given_cameras
 from zeroshop_steps.capture.frame_quality import MOST_EDGE_BLUR_PX, measure_edge_blur_px
+from zeroshop_steps.capture.upright import make_upright
 from zeroshop_steps.geometry.cameras.transforms import measure_turn_deg
 from zeroshop_steps.geometry.imaging.image_files import list_folder
 from zeroshop_steps.geometry.imaging.images import read_depth_mm, write_depth_mm, write_image
 from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.runtime.errors import StepError, warn
-from zeroshop_steps.scan.upright import count_quarter_turns, turn_lens, turn_pose
 
 DEPTH_STEP_MM = 0.1  # of `write_depth_mm`
 FARTHEST_MM = 6553.0  # that 16 bits of this step hold; what is farther is none of the object
@@ -92,8 +92,7 @@ class ScanRecorder:
                 f"the photo is blurred: even its sharpest edges are smeared by {blur_px:.1f} px, of an image 960 px wide; expected up to"
                 f" {MOST_EDGE_BLUR_PX:g}: wait until the arm stands still, focus, or use more light"
             )
-        turns = count_quarter_turns(lens, pose)
-        lens, pose, rgb = turn_lens(lens, turns), turn_pose(pose, turns), np.rot90(rgb, turns)
+        turns, lens, pose = make_upright(lens, pose)
         name = f"{self._last_number() + 1:04d}.png"
         if depth_mm is not None:
             write_depth_mm(self.folder / "depth" / name, np.rot90(depth_mm, turns))
@@ -101,7 +100,7 @@ class ScanRecorder:
         cameras = {**self.cameras.images, name: GivenCamera(lens, np.linalg.inv(pose))}
         self.cameras = replace(self.cameras, images=cameras, depth_step_mm=step_mm)
         self.cameras.write(self.folder / FILE)
-        write_image(self.folder / "images" / name, rgb)
+        write_image(self.folder / "images" / name, np.rot90(rgb, turns))
         view = RecordedView(name, lens, pose, depth_mm is not None)
         self.views.append(view)
         return view

@@ -10,7 +10,8 @@ from helpers.recorded_bag import COLOR, record
 from zeroshop_steps.app.importing import find_source, import_capture
 from zeroshop_steps.capture.adapters import recognize
 from zeroshop_steps.capture.adapters.form import ImportOptions
-from zeroshop_steps.capture.cameras_json import read_given_cameras
+from zeroshop_steps.capture.cameras_json import Lens, read_given_cameras
+from zeroshop_steps.capture.upright import turn_lens, turn_pose
 from zeroshop_steps.geometry.imaging.images import decode_image, list_images, read_image
 from zeroshop_steps.runtime.errors import StepError
 
@@ -55,6 +56,31 @@ def test_frames_come_with_their_cameras_and_depth(ros, tmp_path):
         np.testing.assert_allclose(one.camera_from_world, camera.camera_from_world, atol=1e-9)
         expected = (*camera.pinhole_params, 0.1, -0.05, 0.001, 0.002)
         assert one.lens.model == "OPENCV" and one.lens.params == pytest.approx(expected)
+        depth_mm = decode_image(tmp_path / f"ours/depth/{path.stem}.png", -1) * given.depth_step_mm
+        assert np.allclose(depth_mm, DEPTHS_MM[camera.name], atol=0.1)
+
+
+@pytest.mark.parametrize("turns", [1, 2])
+def test_images_of_a_camera_that_is_mounted_turned_become_upright(turns, tmp_path):
+    def mount(camera):
+        height, width = PICTURES[camera.name].shape[:2]
+        lens = Lens("PINHOLE", width, height, tuple(camera.pinhole_params))
+        back = turn_lens(lens, -turns % 4)
+        pose = turn_pose(np.linalg.inv(camera.camera_from_world), -turns % 4)
+        return replace(
+            camera, width_px=back.width_px, height_px=back.height_px,
+            intrinsics=np.array(back.to_colmap().calibration_matrix()), camera_from_world=np.linalg.inv(pose),
+        )  # fmt: skip
+
+    back = {name: np.rot90(image, -turns) for name, image in PICTURES.items()}
+    depth = {name: np.rot90(image, -turns) for name, image in DEPTHS_MM.items()}
+    record(tmp_path / NAMES[2], 2, [mount(camera) for camera in CAMERAS], back, depth)
+    import_capture(tmp_path / NAMES[2], tmp_path / "ours", ImportOptions())
+    given = read_given_cameras(tmp_path / "ours/cameras.json")
+    for camera, path in zip(CAMERAS, list_images(tmp_path / "ours/images"), strict=True):
+        assert np.array_equal(read_image(path), PICTURES[camera.name])
+        np.testing.assert_allclose(given.images[path.name].camera_from_world, camera.camera_from_world, atol=1e-9)
+        assert given.images[path.name].lens.params == pytest.approx(camera.pinhole_params)
         depth_mm = decode_image(tmp_path / f"ours/depth/{path.stem}.png", -1) * given.depth_step_mm
         assert np.allclose(depth_mm, DEPTHS_MM[camera.name], atol=0.1)
 

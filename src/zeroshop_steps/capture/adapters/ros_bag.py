@@ -15,6 +15,7 @@ from zeroshop_steps.capture.adapters.form import Adapter, GivenFrame, ImportedCa
 from zeroshop_steps.capture.adapters.tf_tree import TransformTree
 from zeroshop_steps.capture.bridging import bridge_gaps
 from zeroshop_steps.capture.cameras_json import Lens
+from zeroshop_steps.capture.upright import make_upright
 from zeroshop_steps.capture.video import FRAMES, MOST_FRAMES, choose_frames, measure_frames
 from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.ros.bags import MOST_APART_NS, RECTIFIED, require_rosbags, stamp_of
@@ -159,10 +160,20 @@ def _read(recording: Recording, path: Path, options: ImportOptions) -> ImportedC
     frames = []
     for index, (number, image) in enumerate(images(chosen)):
         place = folder / f"{index:06d}.png"
-        write_image(place, image)
-        measured_file = place.with_suffix(".npy")
-        frames.append(GivenFrame(place, lens, poses[number], None, measured_file if measured_file.is_file() else None))
+        frames.append(_write_frame(place, image, lens, poses[number]))
     return ImportedCapture(frames, f"{color.count} images on {color.topic} of the bag {path.name}", 1.0, tuple(said), unpacked)
+
+
+def _write_frame(place: Path, image: np.ndarray, lens: Lens, camera_from_root: np.ndarray | None) -> GivenFrame:
+    """Write an image, (height, width, 3); it and its depth, which lies beside it, are turned until z is up, as in all of ROS (REP 103)."""
+    turns, depth = 0, place.with_suffix(".npy")
+    if camera_from_root is not None:
+        turns, lens, root_from_camera = make_upright(lens, np.linalg.inv(camera_from_root))
+        camera_from_root = np.linalg.inv(root_from_camera)
+    write_image(place, np.rot90(image, turns))
+    if turns and depth.is_file():
+        np.save(depth, np.rot90(np.load(depth), turns))
+    return GivenFrame(place, lens, camera_from_root, None, depth if depth.is_file() else None)
 
 
 def _choose_color(recording: Recording, streams: list[Stream], path: Path, wanted: str | None) -> tuple[Stream, str]:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.capture.cameras_json import Lens
+from zeroshop_steps.capture.upright import count_quarter_turns, turn_lens, turn_pose
 from zeroshop_steps.geometry.cameras.viewpoints import look_at
-from zeroshop_steps.scan.upright import count_quarter_turns, turn_lens, turn_pose
 
 LENSES = [
     Lens("PINHOLE", 640, 480, (600.0, 610.0, 310.0, 250.0)),

@@ -14,6 +14,12 @@ LEAST_GAIN = 0.2
 """By which a turn must bring the image's up direction nearer to the world's: a camera that looks straight down is upright in any turn."""
 
 
+def make_upright(lens: Lens, world_from_camera: np.ndarray) -> tuple[int, Lens, np.ndarray]:
+    """The quarter turns that make a view upright, for `np.rot90`, and the lens and (4, 4) world_from_camera after them."""
+    turns = count_quarter_turns(lens, world_from_camera)
+    return turns, turn_lens(lens, turns), turn_pose(world_from_camera, turns)
+
+
 def count_quarter_turns(lens: Lens, world_from_camera: np.ndarray) -> int:
     """How many quarter turns, counterclockwise as `np.rot90` counts, make a view upright; 0 for lenses that cannot be turned."""
     if lens.model not in (*SHARED, *SEPARATE):
