@@ -73,12 +73,15 @@ def ball_mask(camera: Camera, ball: Ball) -> np.ndarray:
 
 
 def _find_seen(camera: Camera, balls: list[Ball], points: np.ndarray) -> np.ndarray:
-    """The rows of the (P, 3) points on the table, and of those on the sides of the balls that face the camera."""
+    """The rows of the (P, 3) points on the table and on the balls of this view that no ball hides."""
     seen = points[:, 2] == 0
     for foot_x, foot_y, radius in balls:
-        away = points - [foot_x, foot_y, radius]
-        on_it = np.abs(np.linalg.norm(away, axis=1) - radius) < 1e-6
-        seen |= on_it & ((away * (camera.centre_in_world - points)).sum(1) > 0)
+        seen |= np.abs(np.linalg.norm(points - [foot_x, foot_y, radius], axis=1) - radius) < 1e-6
+    ways = camera.centre_in_world - points
+    for foot_x, foot_y, radius in balls:
+        inwards = [foot_x, foot_y, radius] - points
+        along = np.clip((inwards * ways).sum(1) / (ways**2).sum(1), 0, 1)
+        seen &= np.linalg.norm(inwards - along[:, None] * ways, axis=1) > radius - 1e-6
     return np.flatnonzero(seen)
 
 
