@@ -5,19 +5,16 @@ measures, fitted on hypotheses for many captures, right and wrong ones (benchmar
 """
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 
-import cv2
 import numpy as np
 from scipy import ndimage
 from scipy.special import expit
 
 from zeroshop_steps.geometry.imaging.images import compute_overlap
-from zeroshop_steps.segment.cues.color_model import ColorModel
 from zeroshop_steps.segment.mask_hull import Solution
 from zeroshop_steps.segment.quality.mask_quality import MaskQuality
 from zeroshop_steps.segment.scene import MaskScene
@@ -30,13 +27,6 @@ LEAST_CLUSTER = 30  # points; fewer tell nothing about the masks
 AROUND, LINK, LIFTED, PART, FAR = 1.5, 0.12, 0.05, 0.3, 0.15
 """Shares of the object's size: points so near to its middle, so close to each other and so high above the ground may be its own; the
 share of a cluster in the hull that makes it the object's; and how far from the hull a point is not the object's."""
-RIM, BEYOND, AWAY = 0.03, 0.4, 1.0
-"""Distances from the mask, in square roots of its area: from the first to the second, a part may be missing; the surroundings lie from
-there to the third."""
-CONFIRMED = 0.75
-"""Quantile of the photos' overlaps with the network. It fails in single photos, but what it misses differs: where masks agree with each
-other, and a part of them with the network, all are confirmed."""
-OWN_ODDS = 1.0  # log odds of a colour that the object has more often than its surroundings
 
 
 @dataclass(frozen=True)
@@ -48,11 +38,10 @@ class Measures:
         contradiction: of the median mask's area, what the other views' masks contradict.
         mean_contradiction: the same of the mean mask.
         faulty: share of the masks that are empty, contradicted or of another size than the others predict.
-        network_difference: 1 less the overlap with what a salient-object network sees, reached in a quarter of the photos; 0 without one.
+        network_difference: 1 less the overlap with what a salient-object network sees, of the median photo; 0 without a network.
         points_missed: of the sparse points that are connected with those of the object, the share outside its hull.
         points_contradicted: of the sparse points that masks show, the share that lies elsewhere in space.
         cut_off: how much of the photo's border the mask covers, of the square root of its area, in the median photo.
-        colors_beyond: area around the mask that has the object's own colours and touches it, of the mask's area, in the median photo.
     """
 
     rival: float
@@ -63,7 +52,6 @@ class Measures:
     points_missed: float
     points_contradicted: float
     cut_off: float
-    colors_beyond: float
 
 
 REASONS = {
@@ -75,7 +63,6 @@ REASONS = {
     "points_missed": "sparse points of the object lie outside the masks",
     "points_contradicted": "the masks show points of other things",
     "cut_off": "the object is cut off at the border of most photos",
-    "colors_beyond": "the object's colours go on beyond the masks",
 }
 
 
@@ -86,7 +73,7 @@ def measure(scene: MaskScene, solution: Solution, qualities: Sequence[MaskQualit
     looks = [maps for maps in (scene.saliency, scene.closer_saliency) if maps is not None]
     if looks:
         best = [max(compute_overlap(mask, seen > 0.5) for seen in maps) for mask, maps in zip(masks, zip(*looks, strict=True), strict=True)]
-        difference = 1 - float(np.quantile(best, CONFIRMED))
+        difference = 1 - float(np.median(best))
     # Photos beside which the object lies say nothing; some of several objects do so in many.
     shown = [mask.any() or hull.any() for mask, hull in zip(masks, solution.hulls, strict=True)]
     judged = [quality for quality, of_object in zip(qualities, shown, strict=True) if of_object]
@@ -100,29 +87,7 @@ def measure(scene: MaskScene, solution: Solution, qualities: Sequence[MaskQualit
         points_missed=_measure_missed(scene, solution),
         points_contradicted=_measure_contradicted(scene, solution, masks),
         cut_off=float(np.median([_measure_cut_off(mask, quality) for mask, quality in zip(masks, qualities, strict=True)])),
-        colors_beyond=_measure_beyond(scene.images, masks),
     )
-
-
-def _measure_beyond(images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> float:
-    """Of (h, w, 3) images and (h, w) bool masks; 0 where the masks leave no surroundings."""
-    inside, outside, near = [], [], []
-    for image, mask in zip(images, masks, strict=True):
-        size = float(np.sqrt(mask.sum()))
-        away = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3) if mask.any() else np.full(mask.shape, np.inf)
-        near.append((away > RIM * size) & (away <= BEYOND * size))
-        inside.append(image[mask][::2])
-        outside.append(image[(away > BEYOND * size) & (away <= AWAY * size)][::4])
-    if not sum(map(len, inside)) or not sum(map(len, outside)):
-        return 0.0
-    colors, shares = ColorModel(np.concatenate(inside), np.concatenate(outside)), []
-    for image, mask, zone in zip(images, masks, near, strict=True):
-        if mask.any():
-            own = zone & (colors.of(image) > OWN_ODDS)
-            rim = cv2.dilate(mask.astype(np.uint8), np.ones((2 * math.ceil(RIM * math.sqrt(mask.sum())) + 3,) * 2, np.uint8)) > 0
-            touching = ndimage.binary_propagation(rim & own, mask=own)
-            shares.append(min(float(touching.sum() / mask.sum()), 1.0))
-    return float(np.median(shares))
 
 
 def _measure_cut_off(mask: np.ndarray, quality: MaskQuality) -> float:
