@@ -205,7 +205,7 @@ def test_visibility_is_that_of_a_slow_twin() -> None:
     targets = rng.uniform([-0.06, -0.05, 0.0], [0.06, 0.05, 0.08], (60, 3))
     normals = np.tile([0.0, 0.0, 1.0], (60, 1))
     camera = SPHERE.camera_at(view(30, 50))
-    found = see_cells(states, grid.low_m, grid.cell_m, targets, normals, 0.1, camera.row[None], np.array([[160.0, 120.0]]))[0]
+    found = see_cells(states, grid.low_m, grid.cell_m, targets, normals, 0.1, [camera])[0]
     for target, seen in zip(targets, found, strict=True):
         direction = camera.centre_in_world - target
         steps = target + np.arange(1.8, 40.0)[:, None] * grid.cell_m * direction / np.linalg.norm(direction)

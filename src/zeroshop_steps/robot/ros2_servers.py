@@ -5,12 +5,12 @@ colcon builds from the folder ros/robokudo_msgs. rclpy was not at hand when this
 """
 
 import argparse
-import importlib.util
 from typing import Any
 
 from zeroshop_steps.robot.goal_camera import CameraSource, FixedCamera, TopicCamera, add_camera_arguments
 from zeroshop_steps.robot.prepared import add_recognizer_arguments, prepare_recognizers
 from zeroshop_steps.robot.ros2.node import start_servers
+from zeroshop_steps.robot.ros2.process import require_packages, serve
 from zeroshop_steps.runtime.errors import StepError
 
 NODE = "zeroshop_recognition"
@@ -25,34 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Serve until ROS shuts down."""
-    require_ros2()
-    import rclpy
-    from rclpy.executors import MultiThreadedExecutor
-
+    require_packages(NEEDED, "; build robokudo_msgs with: colcon build --base-paths ros/robokudo_msgs")
     _, recognizers = prepare_recognizers(args)
-    rclpy.init()
-    node = rclpy.create_node(NODE)
-    servers = start_servers(node, recognizers, find_camera(args, node))
-    print(f"{', '.join(recognizers)} are ready", flush=True)
-    executor = MultiThreadedExecutor()
-    executor.add_node(node)
-    try:
-        executor.spin()
-    finally:
-        for server in servers:
-            server.destroy()
-        node.destroy_node()
-        rclpy.try_shutdown()
-
-
-def require_ros2() -> None:
-    """Raises StepError where a package of ROS 2 is missing."""
-    lacking = [name for name in NEEDED if importlib.util.find_spec(name) is None]
-    if lacking:
-        raise StepError(
-            f"ROS 2 is not complete here: {', '.join(lacking)} cannot be imported. Source ROS 2's setup.bash, in a shell whose Python has"
-            " the version of this environment; build robokudo_msgs with: colcon build --base-paths ros/robokudo_msgs"
-        )
+    serve(NODE, lambda node: start_servers(node, recognizers, find_camera(args, node)), f"{', '.join(recognizers)} are ready")
 
 
 def find_camera(args: argparse.Namespace, node: Any) -> CameraSource:

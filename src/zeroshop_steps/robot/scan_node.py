@@ -106,6 +106,7 @@ class ScanNode:
         with self._lock:
             image, depth = self._choose_images()
             lens, photo = self._read_lens(image)
+            self._tree.sort()
             frame, stamp_ns = image.header.frame_id.lstrip("/"), stamp_of(image)
             pose = self._look_up(frame, stamp_ns)
             history = [(stamp_ns - round(share * REST_S * NS_PER_S)) for share in (1.0, 0.5)]
@@ -190,7 +191,6 @@ class ScanNode:
         return pose
 
     def _find_pose(self, frame: str, time_ns: int) -> np.ndarray | None:
-        self._tree.sort()
         root_from_camera = self._tree.look_up(frame, time_ns)
         if root_from_camera is None:
             return None

@@ -6,10 +6,11 @@ Needs ROS 2 in a shell in which its setup.bash was sourced, with the Python vers
 """
 
 import argparse
-import importlib.util
 from pathlib import Path
+from typing import Any
 
 from zeroshop_steps.capture.cameras_json import Lens
+from zeroshop_steps.robot.ros2.process import require_packages, serve
 from zeroshop_steps.robot.ros2.scan_services import start_scan
 from zeroshop_steps.robot.scan_node import ScanNode
 from zeroshop_steps.runtime.errors import StepError
@@ -35,23 +36,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Serve until ROS shuts down."""
-    node_of_scan = make_node(args)
-    require_packages()
-    import rclpy
-    from rclpy.executors import MultiThreadedExecutor
+    scan = make_node(args)
+    require_packages(NEEDED)
 
-    rclpy.init()
-    node = rclpy.create_node(NODE)
-    parts = start_scan(node, node_of_scan)
-    print(f"{NODE} is ready: ros2 service call /{NODE}/next_view std_srvs/srv/Trigger", flush=True)
-    executor = MultiThreadedExecutor()
-    executor.add_node(node)
-    try:
-        executor.spin()
-    finally:
-        del parts
-        node.destroy_node()
-        rclpy.try_shutdown()
+    def start(node: Any) -> list[Any]:
+        start_scan(node, scan)
+        return []  # what it made is the node's, and ends with it
+
+    serve(NODE, start, f"{NODE} is ready: ros2 service call /{NODE}/next_view std_srvs/srv/Trigger")
 
 
 def make_node(args: argparse.Namespace) -> ScanNode:
@@ -66,13 +58,3 @@ def make_node(args: argparse.Namespace) -> ScanNode:
 
     topics = {"image": args.image_topic, "info": args.camera_info_topic, "depth": args.depth_topic or ""}
     return ScanNode(scan_with, make_reach(args), args.base_frame, topics)
-
-
-def require_packages() -> None:
-    """Raises StepError where a package of ROS 2 is missing."""
-    lacking = [name for name in NEEDED if importlib.util.find_spec(name) is None]
-    if lacking:
-        raise StepError(
-            f"ROS 2 is not complete here: {', '.join(lacking)} cannot be imported. Source ROS 2's setup.bash, in a shell whose Python has"
-            " the version of this environment"
-        )

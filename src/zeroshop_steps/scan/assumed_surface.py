@@ -48,8 +48,6 @@ class AssumedSurface:
         return self.box
 
     def _see(self, cameras: Sequence[Camera]) -> np.ndarray:
-        rows = np.array([camera.row for camera in cameras]).reshape(-1, 16)
-        sizes = np.array([(camera.width_px, camera.height_px) for camera in cameras], float).reshape(-1, 2)
         # The box is convex, so that nothing hides what faces the camera.
         nothing = np.full((1, 1, 1), FREE, np.uint8)
-        return see_cells(nothing, BESIDE_M, 1.0, self._points, self._normals, GOOD_COSINE, rows, sizes)
+        return see_cells(nothing, BESIDE_M, 1.0, self._points, self._normals, GOOD_COSINE, cameras)

@@ -1,7 +1,11 @@
 """Which cells of a grid cameras see, compiled: rays from the cells to the cameras through cells that are known to be free."""
 
+from collections.abc import Sequence
+
 import numba
 import numpy as np
+
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 
 FREE = 1
 """The state of a cell that rays pass; all other states block them."""
@@ -64,10 +68,12 @@ def _is_visible(states, low, cell, target, normal, least_cosine, row, width, hei
 
 def see_cells(
     states: np.ndarray, low_m: np.ndarray, cell_m: float, targets_m: np.ndarray, normals: np.ndarray, least_cosine: float,
-    camera_rows: np.ndarray, sizes_px: np.ndarray,
+    cameras: Sequence[Camera],
 ) -> np.ndarray:  # fmt: skip
-    """What `find_visible` fills, (C, N) bool."""
-    visible = np.zeros((len(camera_rows), len(targets_m)), np.bool_)
+    """What `find_visible` fills for cameras in metres, (C, N) bool."""
+    visible = np.zeros((len(cameras), len(targets_m)), np.bool_)
+    camera_rows = [camera.row for camera in cameras]
+    sizes_px = [(camera.width_px, camera.height_px) for camera in cameras]
     numbers = (np.ascontiguousarray(one, np.float64) for one in (low_m, targets_m, normals, camera_rows, sizes_px))
     low, targets, turned, rows, sizes = numbers
     if visible.size:

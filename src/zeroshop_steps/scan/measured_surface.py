@@ -6,11 +6,14 @@ Connolly's planner (1985) and the "unobserved voxels" of Isler et al. (2016).
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.transforms import make_unit
 from zeroshop_steps.scan.cell_visibility import FREE, see_cells
 from zeroshop_steps.scan.surface_map import GOOD_COSINE, Coverage
 from zeroshop_steps.scan.workspace import Box, Grid
@@ -48,9 +51,8 @@ class MeasuredSurface:
         self._surface = np.zeros(len(self._middles), np.uint16)
         self._tries = np.zeros(len(self._middles), np.uint8)
         self._cameras: list[Camera] = []
-        self._found: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
 
-    @property
+    @cached_property
     def states(self) -> np.ndarray:
         """(X, Y, Z) uint8: UNKNOWN, FREE or SURFACE; what as many views found to be surface as free is surface."""
         states = np.where(self._surface >= np.maximum(self._free, 1), SURFACE, np.where(self._free > 0, FREE, UNKNOWN))
@@ -58,7 +60,7 @@ class MeasuredSurface:
 
     def add_view(self, camera: Camera, depth_m: np.ndarray | None) -> None:
         """Take a view with its (height, width) depth in metres. Without depth, it counts as a view of what others measured alone."""
-        frontier, normals, _, _ = self._find()
+        frontier, normals, _, _ = self._cells
         looked_at = self._measure(frontier, normals, [camera])[0]
         if depth_m is not None:
             rows, columns, depth, inside = camera.find_pixels(self._middles)
@@ -70,17 +72,18 @@ class MeasuredSurface:
             self._surface[cells[measured & is_surface]] += 1
         self._tries[frontier[looked_at]] += 1
         self._cameras.append(camera)
-        self._found = None
+        for derived in ("states", "_cells", "_views"):
+            self.__dict__.pop(derived, None)
 
     def gains(self, cameras: Sequence[Camera]) -> np.ndarray:
         """(C,) cells of the frontier that each camera sees, those that were tried halved, and cells of surface that lack views.
 
         A cell of surface counts by the share of the wanted views that it lacks.
         """
-        frontier, normals, surface, surface_normals = self._find()
+        frontier, normals, surface, surface_normals = self._cells
         weights = 0.5 ** self._tries[frontier].astype(float)
         gains = self._measure(frontier, normals, cameras) @ weights
-        lacks = np.maximum(self.least_views - self._count_views(), 0) / self.least_views
+        lacks = np.maximum(self.least_views - self._views, 0) / self.least_views
         lacking = lacks > 0
         if lacking.any():
             gains += self._see(surface[lacking], surface_normals[lacking], GOOD_COSINE, cameras) @ lacks[lacking]
@@ -88,40 +91,39 @@ class MeasuredSurface:
 
     def coverage(self) -> Coverage:
         """Cells of surface beside free ones, and of the frontier."""
-        frontier, _, surface, _ = self._find()
-        seen = float((self._count_views() >= self.least_views).mean()) if len(surface) else 0.0
+        frontier, _, surface, _ = self._cells
+        seen = float((self._views >= self.least_views).mean()) if len(surface) else 0.0
         return Coverage(len(surface), seen, len(frontier))
 
     def extent(self) -> Box:
         """The box around the surface; the whole box while little is measured."""
-        _, _, surface, _ = self._find()
+        _, _, surface, _ = self._cells
         if len(surface) < LEAST_SURFACE:
             return self.box
         points, margin = self.grid.middles_of(surface), self.grid.cell_m
         low = np.append(points[:, :2].min(0) - margin, self.box.low_m[2])
         return Box(low, points.max(0) + margin)
 
-    def _find(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    @cached_property
+    def _cells(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """(F,) cells of the frontier and (F, 3) their normals, towards free space; (S,) cells of surface beside free ones, and theirs."""
-        if self._found is None:
-            states = self.states
-            # Beside and above the box all is free, below it is the table.
-            free = np.pad(states == FREE, 1, constant_values=True)
-            free[:, :, 0] = False
-            beside = np.zeros(states.shape, bool)
-            for axis in range(3):
-                for step in (-1, 1):
-                    beside |= np.roll(free, step, axis)[1:-1, 1:-1, 1:-1]
-            blurred = ndimage.gaussian_filter(free.astype(np.float32), NORMAL_DEVIATION_CELLS)
-            slopes = np.stack([slope[1:-1, 1:-1, 1:-1].ravel() for slope in np.gradient(blurred)], -1)
-            open_cells = (states == UNKNOWN) & beside & (self._tries < TRIES).reshape(states.shape)
-            frontier, surface = np.flatnonzero(open_cells), np.flatnonzero((states == SURFACE) & beside)
-            self._found = (frontier, _unit(slopes[frontier]), surface, _unit(slopes[surface]))
-        return self._found
+        # Beside and above the box all is free, below it is the table.
+        free = np.pad(self.states == FREE, 1, constant_values=True)
+        free[:, :, 0] = False
+        beside = np.zeros(self.states.shape, bool)
+        for axis in range(3):
+            for step in (-1, 1):
+                beside |= np.roll(free, step, axis)[1:-1, 1:-1, 1:-1]
+        blurred = ndimage.gaussian_filter(free.astype(np.float32), NORMAL_DEVIATION_CELLS)
+        slopes = np.stack([slope[1:-1, 1:-1, 1:-1].ravel() for slope in np.gradient(blurred)], -1)
+        open_cells = (self.states == UNKNOWN) & beside & (self._tries < TRIES).reshape(self.states.shape)
+        frontier, surface = np.flatnonzero(open_cells), np.flatnonzero((self.states == SURFACE) & beside)
+        return frontier, make_unit(slopes[frontier]), surface, make_unit(slopes[surface])
 
-    def _count_views(self) -> np.ndarray:
+    @cached_property
+    def _views(self) -> np.ndarray:
         """(S,) views that saw each cell of surface within 60 degrees of its normal."""
-        _, _, surface, normals = self._find()
+        _, _, surface, normals = self._cells
         return np.asarray(self._see(surface, normals, GOOD_COSINE, self._cameras).sum(0))
 
     def _measure(self, cells: np.ndarray, normals: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
@@ -132,20 +134,13 @@ class MeasuredSurface:
         return seen
 
     def _see(self, cells: np.ndarray, normals: np.ndarray, least_cosine: float, cameras: Sequence[Camera]) -> np.ndarray:
-        rows = np.array([camera.row for camera in cameras]).reshape(-1, 16)
-        sizes = np.array([(camera.width_px, camera.height_px) for camera in cameras], float).reshape(-1, 2)
         targets = self.grid.middles_of(cells)
-        return see_cells(self.states, self.grid.low_m, self.grid.cell_m, targets, normals, least_cosine, rows, sizes)
+        return see_cells(self.states, self.grid.low_m, self.grid.cell_m, targets, normals, least_cosine, cameras)
 
 
 def _shift(camera: Camera, eye_m: np.ndarray) -> Camera:
     """The second eye of a camera, which sees beyond the border of its image."""
     pose = camera.camera_from_world.copy()
     pose[:3, 3] -= eye_m
-    return Camera(camera.name, camera.width_px, camera.height_px, camera.intrinsics, pose).cropped(
-        -camera.width_px, -camera.height_px, 3 * camera.width_px, 3 * camera.height_px
-    )
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12))
+    width, height = camera.width_px, camera.height_px
+    return replace(camera, camera_from_world=pose).cropped(-width, -height, 3 * width, 3 * height)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from zeroshop_steps.geometry.cameras.transforms import make_unit
 from zeroshop_steps.scan.reach import Move, Reach
 from zeroshop_steps.scan.surface_map import Coverage, SurfaceMap
 from zeroshop_steps.scan.viewpoints import ViewSphere
@@ -103,9 +104,5 @@ def _are_fresh(views: np.ndarray, taken: Sequence[np.ndarray], centre_m: np.ndar
     """(N,) bool: views from another direction than those that were taken."""
     if not len(taken):
         return np.ones(len(views), bool)
-    wanted, had = (_unit(np.asarray(poses)[:, :3, 3] - centre_m) for poses in (views, taken))
+    wanted, had = (make_unit(np.asarray(poses)[:, :3, 3] - centre_m) for poses in (views, taken))
     return np.asarray((wanted @ had.T).max(1) < np.cos(np.radians(LEAST_ANGLE_DEG)))
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))

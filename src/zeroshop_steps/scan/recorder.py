@@ -13,11 +13,10 @@ from zeroshop_steps.capture.frame_quality import MOST_EDGE_BLUR_PX, measure_edge
 from zeroshop_steps.capture.upright import make_upright
 from zeroshop_steps.geometry.cameras.transforms import measure_turn_deg
 from zeroshop_steps.geometry.imaging.image_files import list_folder
-from zeroshop_steps.geometry.imaging.images import read_depth_mm, write_depth_mm, write_image
+from zeroshop_steps.geometry.imaging.images import DEPTH_STEP_MM, read_depth_mm, write_depth_mm, write_image
 from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.runtime.errors import StepError, warn
 
-DEPTH_STEP_MM = 0.1  # of `write_depth_mm`
 FARTHEST_MM = 6553.0  # that 16 bits of this step hold; what is farther is none of the object
 REST_S = 0.3  # so long the arm must have stood still: the time of a few images, and of an arm's last swing
 REST_M, REST_DEG = 0.0005, 0.05  # by which the pose may change meanwhile: what tf of such arms wavers by

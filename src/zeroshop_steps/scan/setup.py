@@ -46,14 +46,22 @@ def make_box(args: argparse.Namespace) -> Box:
     return Box.around(np.array(args.box[:3]), np.array(args.box[3:]))
 
 
+def check_least_views(count: int) -> None:
+    """Raise StepError for a number out of range."""
+    if not 1 <= count <= 20:
+        raise StepError(f"--least-views is {count}; expected 1 to 20")
+
+
+def make_map(box: Box, least_views: int, without_depth: bool, second_eye_m: np.ndarray | None) -> SurfaceMap:
+    """An empty map of a box. Raises StepError for a number out of range."""
+    check_least_views(least_views)
+    return AssumedSurface(box, least_views) if without_depth else MeasuredSurface(box, least_views, second_eye_m=second_eye_m)
+
+
 def make_surface(args: argparse.Namespace) -> SurfaceMap:
-    """An empty map. Raises StepError for a number out of range."""
-    if not 1 <= args.least_views <= 20:
-        raise StepError(f"--least-views is {args.least_views}; expected 1 to 20")
-    if args.without_depth:
-        return AssumedSurface(make_box(args), args.least_views)
+    """The empty map that the arguments describe. Raises StepError for a number out of range."""
     eye_m = None if args.baseline_m is None else np.array([args.baseline_m, 0.0, 0.0])
-    return MeasuredSurface(make_box(args), args.least_views, second_eye_m=eye_m)
+    return make_map(make_box(args), args.least_views, args.without_depth, eye_m)
 
 
 def make_scan(args: argparse.Namespace, recorder: ScanRecorder, lens: Lens) -> Scan:

@@ -1,6 +1,6 @@
 """Viewpoints to choose from: on spheres about the object, above what it stands on, and rings of them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -62,11 +62,7 @@ class ViewSphere:
 
     def camera_at(self, world_from_camera: np.ndarray) -> Camera:
         """The camera in a pose."""
-        return self.camera_of(np.linalg.inv(world_from_camera))
-
-    def camera_of(self, camera_from_world: np.ndarray) -> Camera:
-        """The same, by the inverse."""
-        return Camera(self.camera.name, self.camera.width_px, self.camera.height_px, self.camera.intrinsics, camera_from_world)
+        return replace(self.camera, camera_from_world=np.linalg.inv(world_from_camera))
 
 
 def _view(centre_m: np.ndarray, distance_m: float, azimuth_rad: float, elevation_rad: float) -> np.ndarray:

@@ -17,11 +17,10 @@ from zeroshop_steps.grasp.gripper import GRIPPERS, find_gripper
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.scan.arm.kinematics import ARMS, find_arm
-from zeroshop_steps.scan.assumed_surface import AssumedSurface
-from zeroshop_steps.scan.measured_surface import MeasuredSurface
 from zeroshop_steps.scan.next_views import Advice
 from zeroshop_steps.scan.recorder import ScanRecorder
 from zeroshop_steps.scan.session import Scan
+from zeroshop_steps.scan.setup import check_least_views, make_map
 from zeroshop_steps.simulate.arm.completeness import TrueSurface
 from zeroshop_steps.simulate.arm.scan_robot import RINGS_DEG, ScanRobot, Stop
 from zeroshop_steps.simulate.arm.scan_scene import PROJECTOR_M, ScanScene
@@ -58,11 +57,7 @@ def run(args: argparse.Namespace) -> None:
     scene = ScanScene(read_ply(args.model), args.model, args.distance_m or DISTANCES_M[args.arm], args.seed)
     deviations = (args.position_deviation, args.rotation_deviation)
     robot = ScanRobot(find_arm(args.arm), find_gripper(args.gripper), scene, args.width, args.height, *deviations, args.seed)
-    surface = (
-        AssumedSurface(scene.box, args.least_views)
-        if args.without_depth
-        else MeasuredSurface(scene.box, args.least_views, second_eye_m=PROJECTOR_M)
-    )
+    surface = make_map(scene.box, args.least_views, args.without_depth, PROJECTOR_M)
     source = f"simulated {args.arm} with a camera on its hand"
     scan = Scan(ScanRecorder(args.out, source, *(deviation or None for deviation in deviations)), surface, robot.sphere)
     if scan.views and args.policy != NEXT_BEST:
@@ -105,8 +100,7 @@ def go_on(robot: ScanRobot, advice: Advice) -> Stop | None:
 def _check(args: argparse.Namespace) -> None:
     if not 1 <= args.views <= 500:
         raise StepError(f"--views is {args.views}; expected 1 to 500")
-    if not 1 <= args.least_views <= 20:
-        raise StepError(f"--least-views is {args.least_views}; expected 1 to 20")
+    check_least_views(args.least_views)
     if not (64 <= args.width <= 8000 and 48 <= args.height <= 6000):
         raise StepError(f"image size {args.width} x {args.height} px is out of range; give --width 64..8000 and --height 48..6000")
     if args.distance_m is not None and not 0.2 <= args.distance_m <= 2.0:

@@ -15,15 +15,13 @@ from PIL import Image
 from zeroshop_steps.capture.cameras_json import FILE, GivenCamera, GivenCameras, Lens, check_pose
 from zeroshop_steps.capture.photo_files import UPRIGHT, open_picture
 from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm, read_exr
-from zeroshop_steps.geometry.imaging.images import decode_image, write_image
+from zeroshop_steps.geometry.imaging.images import DEPTH_STEP_MM, decode_image, write_image
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
 from zeroshop_steps.runtime.progress import track
 
 UNITS_M = {"m": 1.0, "mm": 0.001, "unknown": None}
 """Metres of the units that poses may have."""
-DEPTH_STEP_MM = 0.1
-"""Of depth in the common form: finer than any camera measures, and up to 6.5 m, farther than anybody holds an object."""
 AS_THEY_ARE = {"JPEG": ".jpg", "PNG": ".png"}
 MOST_NAMED = 5
 EXIF_ORIENTATION = 274

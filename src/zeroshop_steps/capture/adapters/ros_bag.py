@@ -155,25 +155,25 @@ def _read(recording: Recording, path: Path, options: ImportOptions) -> ImportedC
     poses = _find_poses(tree, color, stamps_ns, path, said)
     unpacked = tempfile.TemporaryDirectory(prefix="zeroshop_bag_")
     folder, depths = Path(unpacked.name), _match_depth(recording, depth, [stamps_ns[number] for number in chosen])
+    views = [_turn(lens, poses[number]) for number in chosen]
     for index, measured in depths:
-        np.save(folder / f"{index:06d}.npy", measured)
+        np.save(folder / f"{index:06d}.npy", np.rot90(measured, views[index][0]))
     frames = []
-    for index, (number, image) in enumerate(images(chosen)):
+    for index, (_, image) in enumerate(images(chosen)):
+        turns, turned, pose = views[index]
         place = folder / f"{index:06d}.png"
-        frames.append(_write_frame(place, image, lens, poses[number]))
+        write_image(place, np.rot90(image, turns))
+        measured_file = place.with_suffix(".npy")
+        frames.append(GivenFrame(place, turned, pose, None, measured_file if measured_file.is_file() else None))
     return ImportedCapture(frames, f"{color.count} images on {color.topic} of the bag {path.name}", 1.0, tuple(said), unpacked)
 
 
-def _write_frame(place: Path, image: np.ndarray, lens: Lens, camera_from_root: np.ndarray | None) -> GivenFrame:
-    """Write an image, (height, width, 3); it and its depth, which lies beside it, are turned until z is up, as in all of ROS (REP 103)."""
-    turns, depth = 0, place.with_suffix(".npy")
-    if camera_from_root is not None:
-        turns, lens, root_from_camera = make_upright(lens, np.linalg.inv(camera_from_root))
-        camera_from_root = np.linalg.inv(root_from_camera)
-    write_image(place, np.rot90(image, turns))
-    if turns and depth.is_file():
-        np.save(depth, np.rot90(np.load(depth), turns))
-    return GivenFrame(place, lens, camera_from_root, None, depth if depth.is_file() else None)
+def _turn(lens: Lens, camera_from_root: np.ndarray | None) -> tuple[int, Lens, np.ndarray | None]:
+    """Quarter turns until z is up, as in all of ROS (REP 103), for `np.rot90`; the lens and the pose after them."""
+    if camera_from_root is None:
+        return 0, lens, None
+    turns, turned, root_from_camera = make_upright(lens, np.linalg.inv(camera_from_root))
+    return turns, turned, np.linalg.inv(root_from_camera)
 
 
 def _choose_color(recording: Recording, streams: list[Stream], path: Path, wanted: str | None) -> tuple[Stream, str]:

@@ -67,11 +67,10 @@ class TransformTree:
 
     def forget_before(self, time_ns: int) -> None:
         """Drop older transforms, but for the last of each frame."""
+        self.sort()
         for link in self._links.values():
-            kept = max(0, min(int(np.searchsorted(np.sort(link.times_ns), time_ns)), len(link.times_ns) - 1))
-            order = np.argsort(link.times_ns, kind="stable")[kept:]
-            link.times_ns = [link.times_ns[index] for index in order]
-            link.transforms = [link.transforms[index] for index in order]
+            kept = max(0, min(int(np.searchsorted(link.times_ns, time_ns)), len(link.times_ns) - 1))
+            link.times_ns, link.transforms = link.times_ns[kept:], link.transforms[kept:]
 
     def is_parent(self, frame: str) -> bool:
         """Whether other frames are placed in a frame."""

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from zeroshop_steps.bop.formats.detections import mask_to_box
+from zeroshop_steps.geometry.cameras.transforms import make_unit
 from zeroshop_steps.networks.devices import run_network
 from zeroshop_steps.networks.pretrained import load_pretrained
 
@@ -27,15 +28,15 @@ class CropDescriber:
 
     def describe(self, regions: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
         """(N, D) float32 unit vectors of regions, each an image (height, width, 3) uint8 and a mask that is not empty."""
-        return np.concatenate([_unit(tokens[:, 0]) for tokens, _ in self._run(regions)]).astype(np.float32)
+        return np.concatenate([make_unit(tokens[:, 0]) for tokens, _ in self._run(regions)]).astype(np.float32)
 
     def describe_patches(self, regions: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
         """What `describe` gives, and (N, P, D) float32 unit vectors of the crops' patches, 0 for those of which the mask covers less
         than half."""
         wholes, patches = [], []
         for tokens, masks in self._run(regions):
-            wholes.append(_unit(tokens[:, 0]))
-            patches.append(_unit(tokens[:, 1:]) * cover_patches(masks, tokens.shape[1] - 1)[..., None])
+            wholes.append(make_unit(tokens[:, 0]))
+            patches.append(make_unit(tokens[:, 1:]) * cover_patches(masks, tokens.shape[1] - 1)[..., None])
         return np.concatenate(wholes).astype(np.float32), np.concatenate(patches).astype(np.float32)
 
     def _run(self, regions: Sequence[tuple[np.ndarray, np.ndarray]]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -72,7 +73,3 @@ def cover_patches(masks: np.ndarray, patches: int) -> np.ndarray:
     side = math.isqrt(patches)
     step = SIDE_PX // side
     return masks[:, : side * step, : side * step].reshape(-1, side, step, side, step).mean((2, 4)).reshape(-1, patches) > 127.5
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)

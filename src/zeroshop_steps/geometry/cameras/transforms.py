@@ -16,6 +16,11 @@ def transform_points(points: np.ndarray, target_from_source: np.ndarray) -> np.n
     return points @ target_from_source[:3, :3].T + target_from_source[:3, 3]
 
 
+def make_unit(vectors: np.ndarray) -> np.ndarray:
+    """(..., D) vectors of length 1; of length 0 where they have none."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12))
+
+
 def make_cross_matrices(vectors: np.ndarray) -> np.ndarray:
     """(N, 3, 3) matrices that multiply as the cross product with each of (N, 3) vectors from the left."""
     return np.cross(np.eye(3), vectors[:, None])

@@ -62,6 +62,10 @@ def read_confidence(path: Path, size_px: tuple[int, int]) -> np.ndarray:
     return confidence.astype(np.float32) / 255.0
 
 
+DEPTH_STEP_MM = 0.1
+"""Of depth images: finer than any camera measures, and up to 6.5 m, farther than anybody holds an object."""
+
+
 def read_depth_mm(path: Path) -> np.ndarray:
     """Read a 16-bit depth image in 0.1 mm steps as (height, width) float32 mm; 0 where nothing was hit."""
     return decode_image(path, cv2.IMREAD_UNCHANGED).astype(np.float32) * 0.1

@@ -1,6 +1,7 @@
 """Whether an arm touches the table, the space that is kept out of, or itself: capsules as points on their middle lines."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -32,7 +33,7 @@ class ClearanceCheck:
 
     def is_clear(self, joints_rad: np.ndarray) -> np.ndarray:
         """(N,) bool of (N, 6) joint angles."""
-        points, frames, radii = self._body_points()
+        points, frames, radii = self._body_points
         base_from_frame = self.arm.find_frames(joints_rad)[:, frames]
         placed = np.einsum("npij,pj->npi", base_from_frame[..., :3, :3], points) + base_from_frame[..., :3, 3]
         moving = frames >= MOVING_FROM
@@ -41,8 +42,7 @@ class ClearanceCheck:
         if self.keep_out is not None:
             clear &= (self.keep_out.distance_m(placed[:, moving]) > room[moving]).all(1)
         rows = np.flatnonzero(clear)
-        # Parts that meet at a joint overlap there by their shape.
-        first, second = np.nonzero(np.triu(np.abs(frames[:, None] - frames) > MEETING))
+        first, second = self._pairs
         for row in rows:
             apart = np.linalg.norm(placed[row, first] - placed[row, second], axis=1)
             clear[row] = bool((apart > radii[first] + radii[second] + CLEARANCE_M).all())
@@ -54,6 +54,14 @@ class ClearanceCheck:
         shares = np.linspace(0.0, 1.0, count)[:, None]
         return bool(self.is_clear(start_rad + shares * (end_rad - start_rad)).all())
 
+    @cached_property
+    def _pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        """Points that are compared: parts that meet at a joint overlap there by their shape."""
+        _, frames, _ = self._body_points
+        first, second = np.nonzero(np.triu(np.abs(frames[:, None] - frames) > MEETING))
+        return first, second
+
+    @cached_property
     def _body_points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(P, 3) points in their frames, (P,) frames, and (P,) radii."""
         points, frames, radii = [], [], []

@@ -1,5 +1,6 @@
 """What the camera on the hand sees of a model on a table: photos by our ray caster, depth with a structured-light sensor's errors."""
 
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
@@ -66,7 +67,7 @@ class ScanScene:
         """A camera in the world, in metres, as a camera about the model, in millimetres."""
         pose = camera.camera_from_world.copy()
         pose[:3, 3] = MM_PER_M * (pose[:3, 3] + pose[:3, :3] @ self.world_from_model_m)
-        return Camera(camera.name, camera.width_px, camera.height_px, camera.intrinsics, pose)
+        return replace(camera, camera_from_world=pose)
 
     @cached_property
     def _renderer(self) -> SceneRenderer:
