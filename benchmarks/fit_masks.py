@@ -21,10 +21,12 @@ import torch
 from mask_samples import Truth, mislead, name_object, read_truth, sample, scale_to
 
 from zeroshop_steps.geometry.imaging.images import compute_overlap
+from zeroshop_steps.networks.mobile_sam.model import MobileSam
 from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.segment.cues import fusion
 from zeroshop_steps.segment.finder import Hypothesis, try_support
 from zeroshop_steps.segment.objects import NothingFound
+from zeroshop_steps.segment.prompts import PromptedSegmenter
 from zeroshop_steps.segment.quality import mask_scores
 from zeroshop_steps.segment.support import propose_supports
 
@@ -66,13 +68,14 @@ def join(parts: list[tuple[np.ndarray, np.ndarray]], chosen: list[bool]) -> tupl
 
 def fit_cues(args: argparse.Namespace) -> None:
     """Fit the network, and print how it does on objects that were left out."""
-    network = SalientObjectNetwork(args.network)
+    network, segmenter = SalientObjectNetwork(args.network), MobileSam(args.segmenter)
     parts, names = [], []
     for folder in args.scenes:
         cached = args.cache / f"{folder.name}.npz"
         if not cached.is_file():
             args.cache.mkdir(parents=True, exist_ok=True)
-            channels, labels = sample(read_truth(folder, network, args.cache), network, np.random.default_rng(0))
+            truth = read_truth(folder, network, args.cache)
+            channels, labels = sample(truth, network, PromptedSegmenter(segmenter), np.random.default_rng(0))
             np.savez(cached, channels=channels, labels=labels)
         stored = np.load(cached)
         known = stored["channels"], stored["labels"]
@@ -171,6 +174,7 @@ def main() -> None:
     parser.add_argument("what", choices=("cues", "score"))
     parser.add_argument("--scenes", type=Path, nargs="+", required=True, help="folders with scene/ and reference/")
     parser.add_argument("--network", type=Path, required=True, help="ONNX file of a salient-object network")
+    parser.add_argument("--segmenter", type=Path, required=True, help="file of MobileSAM")
     parser.add_argument("--cache", type=Path, default=Path("results/fit_masks"), help="delete it when cues or measures change")
     args = parser.parse_args()
     {"cues": fit_cues, "score": fit_score}[args.what](args)

@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from unittest import mock
 
@@ -20,14 +20,16 @@ from zeroshop_steps.segment.finder import WIDTH_PX, try_support
 from zeroshop_steps.segment.objects import NothingFound
 from zeroshop_steps.segment.outlines.windows import Window
 from zeroshop_steps.segment.photometry.exposure import estimate_exposure
+from zeroshop_steps.segment.prompts import PromptedSegmenter
 from zeroshop_steps.segment.scene import Guess, MaskScene, read_mask_scene, start_guess
 from zeroshop_steps.segment.support import propose_supports
 
 PIXELS, VIEWS = 300, 6  # of a view for each guess, half of them near the outline; and how many views are asked
 DROPPED = ((), ("network",), ("ground",))
+DROPPED_WITH_HULL = ((), ("network",), ("prompted",))
 """Cues that know nothing in a part of the samples, so that one network serves without them."""
 RING = 0.5  # around the object, of its size, the ground is known to be empty in most captures
-MISLED, FAILED_OVERLAP = 0.15, 0.5  # share of the samples in which a cue fails; the network overlaps with the hull by at most so much there
+MISLED, FAILED_OVERLAP = 0.15, 0.5  # share of the samples in which a cue fails; networks overlap with the hull by at most so much there
 
 
 @dataclass(frozen=True)
@@ -98,12 +100,12 @@ def mislead(channels: np.ndarray, labels: np.ndarray, rng: np.random.Generator) 
     """
     column = fusion.CHANNELS.index
     known, failed = np.flatnonzero((channels[:, column("hull")] != 0) & (channels[:, column("network_known")] > 0)), []
-    for cue in ("network", "hull"):
+    for cue in ("network", "prompted", "hull"):
         chosen = known[rng.random(len(known)) < MISLED]
         columns = [column(name) for name in fusion.CUES[cue].CHANNELS]
         misled = channels[chosen]
         misled[:, columns] = rng.permutation(misled[:, columns])
-        for agreement in ("network_agrees", "closer_network_agrees"):
+        for agreement in (name for name in fusion.CHANNELS if name.endswith("_agrees")):
             misled[:, column(agreement)] = rng.uniform(0, FAILED_OVERLAP, len(misled))
         failed.append((misled, labels[chosen]))
     samples, truths = zip(*failed, strict=True)
@@ -121,12 +123,14 @@ def scale_to(mask: np.ndarray, window: Window, view: View) -> Window:
     return window.scaled(mask.shape[1] / view.camera.width_px, mask.shape[0] / view.camera.height_px)
 
 
-def sample(truth: Truth, network: SalientObjectNetwork, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def sample(
+    truth: Truth, network: SalientObjectNetwork, segmenter: PromptedSegmenter, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """(N, C) channels and (N,) whether they are of the object."""
     channels, labels = [], []
     for scene, guess, masks in list_guesses(truth, network):
-        for without in DROPPED if guess.hull is None else DROPPED[:2]:
-            see = fusion.prepare_channels(scene, guess, without)
+        for without in DROPPED if guess.hull is None else DROPPED_WITH_HULL:
+            see = fusion.prepare_channels(replace(scene, segmenter=segmenter), guess, without)
             for index in rng.choice(len(masks), min(VIEWS, len(masks)), replace=False):
                 mask = masks[index]
                 if mask is None or not mask.any():

@@ -16,8 +16,9 @@ from zeroshop_steps.networks.saliency.object_finder import keep_main_thing
 from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
 from zeroshop_steps.segment.ground_picture import GroundPicture, build_ground_picture
-from zeroshop_steps.segment.outlines.windows import Window, take_whole
+from zeroshop_steps.segment.outlines.windows import Window, cut_part, resample_map, take_whole
 from zeroshop_steps.segment.photometry.exposure import Exposure, apply_gain
+from zeroshop_steps.segment.prompts import PromptedSegmenter
 
 KEPT_WIDTH_PX = 1600  # of photos in memory: windows of them are looked at closer, and 60 large photos would not fit
 LEAST_RAYS = 3  # photos in which a network sees something, to tell where that is
@@ -36,6 +37,7 @@ class MaskScene:
         saliency: (h, w) float32, 0 to 1, what a salient-object network sees in each whole photo, of the cameras' sizes; None without one.
         closer_saliency: what it sees in each window alone; None where it was not asked.
         width_px: the width at which masks are cut.
+        segmenter: Segment Anything, asked where a hull is known; None without it.
     """
 
     views: Sequence[View]
@@ -46,6 +48,7 @@ class MaskScene:
     saliency: Sequence[np.ndarray] | None
     closer_saliency: Sequence[np.ndarray] | None
     width_px: int
+    segmenter: PromptedSegmenter | None
 
     @cached_property
     def images(self) -> list[np.ndarray]:
@@ -54,7 +57,7 @@ class MaskScene:
 
     @staticmethod
     def _resample(photo: np.ndarray, view: View, window: Window, camera: Camera) -> np.ndarray:
-        part = _cut_part(photo, view, window)
+        part = cut_part(photo, view, window)
         enlarged = camera.width_px > part.shape[1]
         size_px = (camera.width_px, camera.height_px)
         return cv2.resize(part, size_px, interpolation=cv2.INTER_LINEAR if enlarged else cv2.INTER_AREA).astype(np.float32)
@@ -88,7 +91,7 @@ class MaskScene:
         """Some of the views."""
         saliency = None if self.saliency is None else self.saliency[part]
         model = replace(self.model, seen=None if self.model.seen is None else self.model.seen[part])
-        own = self.views[part], model, self.photos[part], self.windows[part], self.cameras[part], saliency, None, self.width_px
+        own = self.views[part], model, self.photos[part], self.windows[part], self.cameras[part], saliency, None, self.width_px, None
         return MaskScene(*own)
 
     def look_closer(self, windows: Sequence[Window], network: SalientObjectNetwork | None) -> "MaskScene":
@@ -101,16 +104,21 @@ class MaskScene:
         saliency = None
         if self.saliency is not None:
             before = zip(self.saliency, self.windows, windows, self.views, cameras, strict=True)
-            saliency = [_resample_map(*parts) for parts in before]
+            saliency = [resample_map(*parts) for parts in before]
         closer = None
         if network is not None:
-            parts = [_cut_part(*one) for one in zip(self.photos, self.views, windows, strict=True)]
+            parts = [cut_part(*one) for one in zip(self.photos, self.views, windows, strict=True)]
             closer = network.predict_all(parts, [(camera.width_px, camera.height_px) for camera in cameras])
         return replace(self, windows=windows, cameras=cameras, saliency=saliency, closer_saliency=closer)
 
 
 def read_mask_scene(
-    views: Sequence[View], model: SparseModel, exposure: Exposure, saliency: Sequence[np.ndarray] | None, width_px: int
+    views: Sequence[View],
+    model: SparseModel,
+    exposure: Exposure,
+    saliency: Sequence[np.ndarray] | None,
+    width_px: int,
+    segmenter: PromptedSegmenter | None = None,
 ) -> MaskScene:
     """Read the whole photos.
 
@@ -119,6 +127,7 @@ def read_mask_scene(
         exposure: the factors that make them equal.
         saliency: (h, w) of each photo, 0 to 1, of any size; None without a network.
         width_px: the width at which masks are cut.
+        segmenter: Segment Anything; None without it.
     """
 
     def read(view: View, log_gain: np.ndarray) -> np.ndarray:
@@ -136,7 +145,7 @@ def read_mask_scene(
             cv2.resize(seen, (camera.width_px, camera.height_px), interpolation=cv2.INTER_LINEAR)
             for seen, camera in zip(saliency, cameras, strict=True)
         ]
-    return MaskScene(views, model, photos, windows, cameras, saliency, None, width_px)
+    return MaskScene(views, model, photos, windows, cameras, saliency, None, width_px, segmenter)
 
 
 @dataclass(frozen=True)
@@ -176,25 +185,9 @@ def start_guess(scene: MaskScene, support: SceneSupport | None) -> Guess:
     return Guess(support, None if support is None else build_ground_picture(support, scene.cameras, scene.images))
 
 
-def _cut_part(photo: np.ndarray, view: View, window: Window) -> np.ndarray:
-    """The part of a view's photo, (H, W, 3) of any size, that a window shows; never empty."""
-    x, y = photo.shape[1] / view.camera.width_px, photo.shape[0] / view.camera.height_px
-    left, top = math.floor(window.left * x), math.floor(window.top * y)
-    return photo[top : max(round(window.bottom * y), top + 1), left : max(round(window.right * x), left + 1)]
-
-
 def _cut_camera(view: View, window: Window, width_px: int) -> Camera:
     """The camera of a window at most `width_px` wide; one higher than wide has as many pixels as a square."""
     width, height = window.right - window.left, window.bottom - window.top
     part = view.camera.cropped(window.left, window.top, width, height)
     size = min(round(width_px * min(1.0, math.sqrt(width / height))), width)
     return part.resized(size, max(round(height * size / width), 1))
-
-
-def _resample_map(values: np.ndarray, before: Window, window: Window, view: View, camera: Camera) -> np.ndarray:
-    """The part of (h, w) values of one window that lies in another one inside it, of that one's camera's size."""
-    x, y = values.shape[1] / (before.right - before.left), values.shape[0] / (before.bottom - before.top)
-    columns = (window.left - before.left + (np.arange(camera.width_px) + 0.5) * (window.right - window.left) / camera.width_px) * x - 0.5
-    rows = (window.top - before.top + (np.arange(camera.height_px) + 0.5) * (window.bottom - window.top) / camera.height_px) * y - 0.5
-    x_map, y_map = np.meshgrid(columns.astype(np.float32), rows.astype(np.float32))
-    return cv2.remap(values, x_map, y_map, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

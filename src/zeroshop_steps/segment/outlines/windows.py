@@ -1,8 +1,10 @@
 """Windows of the images around an object that is small in them: masks are cut there again, at the images' own resolution."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
@@ -76,3 +78,19 @@ def lay_back(mask: np.ndarray, window: Window, view: View) -> np.ndarray:
     whole = np.zeros((view.camera.height_px, view.camera.width_px), bool)
     whole[window.slices] = follow_edges(mask, view.image()[window.slices])
     return whole
+
+
+def cut_part(photo: np.ndarray, view: View, window: Window) -> np.ndarray:
+    """The part of a view's photo, (H, W, 3) of any size, that a window shows; never empty."""
+    x, y = photo.shape[1] / view.camera.width_px, photo.shape[0] / view.camera.height_px
+    left, top = math.floor(window.left * x), math.floor(window.top * y)
+    return photo[top : max(round(window.bottom * y), top + 1), left : max(round(window.right * x), left + 1)]
+
+
+def resample_map(values: np.ndarray, before: Window, window: Window, view: View, camera: Camera) -> np.ndarray:
+    """The part of (h, w) values of one window that lies in another one inside it, of that one's camera's size."""
+    x, y = values.shape[1] / (before.right - before.left), values.shape[0] / (before.bottom - before.top)
+    columns = (window.left - before.left + (np.arange(camera.width_px) + 0.5) * (window.right - window.left) / camera.width_px) * x - 0.5
+    rows = (window.top - before.top + (np.arange(camera.height_px) + 0.5) * (window.bottom - window.top) / camera.height_px) * y - 0.5
+    x_map, y_map = np.meshgrid(columns.astype(np.float32), rows.astype(np.float32))
+    return cv2.remap(values, x_map, y_map, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
