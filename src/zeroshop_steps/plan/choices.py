@@ -2,11 +2,13 @@
 
 import functools
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from zeroshop_steps import methods
 from zeroshop_steps.methods import Method
+from zeroshop_steps.networks.mobile_sam.choice import DEFAULT, NONE, segmenter_path
 from zeroshop_steps.networks.saliency import salient_networks
 from zeroshop_steps.plan.captures import (
     BOARD_SCENE,
@@ -54,7 +56,7 @@ class Choices(Captures):
         """GPU memory in MB that a step may take; 0 where the config has it run on the processor."""
         return method.gpu_mem_mb(self.section(stage, method.name))
 
-    def weights_stamp(self, stage: str, method: Method, network: Path | None = None) -> list[str]:
+    def weights_stamp(self, stage: str, method: Method, networks: Sequence[Path] = ()) -> list[str]:
         """Size and time of the files that a method reads its networks from: a parameter, so that other weights make its results stale.
 
         Not an input: Snakemake would delete and download weights again whenever their rule changes.
@@ -62,14 +64,14 @@ class Choices(Captures):
         Args:
             stage: the part of the config with its options.
             method: the method.
-            network: the file of its salient-object network.
+            networks: files of other networks that it uses.
         """
         needed = [file for one in (method, *map(methods.REGISTRATIONS.__getitem__, method.tries)) for file in one.files]
         files = [methods.WEIGHTS_FOLDER / file for file in needed]
         if own := self.section(stage, method.name).get("weights"):
             path = self.relative(own)
             files = sorted(path.iterdir()) if path.is_dir() else [path]
-        files += [network] if network else []
+        files += networks
         return [f"{path} {path.stat().st_size} {path.stat().st_mtime_ns}" for path in files if path.is_file()]
 
     def _find_salient_network(self, needed: bool = False) -> Path | None:
@@ -141,7 +143,8 @@ class Choices(Captures):
     def registration_weights(self, wildcards: Wildcards) -> list[str]:
         """The files that the registration reads its networks from."""
         method = self.registration(wildcards)
-        return self.weights_stamp("register", method, self.registration_network(wildcards))
+        network = self.registration_network(wildcards)
+        return self.weights_stamp("register", method, [network] if network else [])
 
     # Masks
 
@@ -182,10 +185,18 @@ class Choices(Captures):
     def _mask_network(self, name: str) -> Path | None:
         return self.salient_network(needed=True) if self.segmentations[name].saliency else None
 
+    def _segmenter(self) -> Path | None:
+        """The file of Segment Anything, as the step is given it."""
+        named = self.config["segment"]["saliency"]["segmenter"]
+        return segmenter_path(named if named in (DEFAULT, NONE) else str(self.relative(named)))
+
     def segmentation_weights(self, wildcards: Wildcards) -> list[str]:
         """The files that this method reads its networks from."""
         name = self.mask_method(wildcards)
-        return [] if name == GIVEN_MASKS else self.weights_stamp("segment", self.segmentations[name], self._mask_network(name))
+        if name == GIVEN_MASKS:
+            return []
+        segmenter = self._segmenter() if self.segmentations[name].saliency else None
+        return self.weights_stamp("segment", self.segmentations[name], [path for path in (self._mask_network(name), segmenter) if path])
 
     def pictures_with_masks(self, wildcards: Wildcards) -> str:
         """The folder of photos and the masks to register them by: the capture, or a registered scene if masks are found only there."""

@@ -26,6 +26,7 @@ from zeroshop_steps.segment.objects import (
 )
 from zeroshop_steps.segment.outlines.windows import CLOSER, choose_windows, lay_back, scale_windows
 from zeroshop_steps.segment.photometry.exposure import Exposure
+from zeroshop_steps.segment.prompts import PromptedSegmenter
 from zeroshop_steps.segment.quality.mask_quality import MaskQuality, MasksRejected, compare_with_hull, describe_quality
 from zeroshop_steps.segment.quality.mask_scores import REASONS, Measures, Score, measure, score
 from zeroshop_steps.segment.quality.tidy_mask import tidy_mask
@@ -74,6 +75,7 @@ def find_masks(
     width_px: int = WIDTH_PX,
     seed: int = 0,
     place: np.ndarray | None = None,
+    segmenter: PromptedSegmenter | None = None,
 ) -> tuple[list[np.ndarray], dict[str, Any]]:
     """(H, W) bool masks of all views, of the photos' sizes, and the record of their quality.
 
@@ -84,11 +86,12 @@ def find_masks(
         width_px: photos are cut at this width.
         seed: of RANSAC.
         place: (3,) world position of the object that is meant; None for the likeliest.
+        segmenter: cuts the object out of each photo; None without it.
 
     Raises:
         StepError: nothing is found, or the masks are likely wrong.
     """
-    scene = read_mask_scene(views, model, exposure, saliency, width_px)
+    scene = read_mask_scene(views, model, exposure, saliency, width_px, segmenter)
     best: Hypothesis | None = None
     failures: list[tuple[NothingFound, Candidate]] = []
     for candidate in propose_supports(model, views, seed):

@@ -22,6 +22,11 @@ class PromptedSegmenter:
         self._network = network
         self._encoded: dict[str, list[tuple[Window, Features]]] = {}
 
+    @property
+    def name(self) -> str:
+        """The file of the network's weights, for records."""
+        return self._network.path.name
+
     def cut(self, photo: np.ndarray, view: View, window: Window, shown: np.ndarray) -> tuple[Window, np.ndarray]:
         """Masks of the object in a window.
 

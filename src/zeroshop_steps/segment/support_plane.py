@@ -10,6 +10,7 @@ from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.segment.finder import WIDTH_PX, find_masks
 from zeroshop_steps.segment.list_objects import read_center
 from zeroshop_steps.segment.photometry.exposure import estimate_exposure
+from zeroshop_steps.segment.prompts import PromptedSegmenter
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
 
 METHOD = {"rank": 2, "in_scene": True, "runtime_min": 60}
@@ -33,7 +34,9 @@ def run(args: argparse.Namespace) -> None:
     write_found_masks(args, "support_plane")
 
 
-def write_found_masks(args: argparse.Namespace, method: str, network: SalientObjectNetwork | None = None) -> None:
+def write_found_masks(
+    args: argparse.Namespace, method: str, network: SalientObjectNetwork | None = None, segmenter: PromptedSegmenter | None = None
+) -> None:
     """Find the masks of a registered scene, and write its cameras folder."""
     start_s = time.monotonic()
     views, model = read_views(args.scene)
@@ -42,8 +45,8 @@ def write_found_masks(args: argparse.Namespace, method: str, network: SalientObj
     exposure = estimate_exposure(args.scene, views)
     with show_rejected_masks(images, args.rejected):
         place = None if args.objects is None else read_center(args.objects, args.number)
-        masks, record = find_masks(views, model, exposure, saliency, network, args.image_width_px, args.seed, place)
+        masks, record = find_masks(views, model, exposure, saliency, network, args.image_width_px, args.seed, place, segmenter)
     record |= {"method": method, "seconds": round(time.monotonic() - start_s, 2)}
     if network is not None:
-        record["network"] = network.name
+        record |= {"network": network.name, "segmenter": None if segmenter is None else segmenter.name}
     write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record, exposure)

@@ -67,10 +67,12 @@ class MobileSam:
 
     def __init__(self, path: Path, settings: TinyVitSettings | None = None) -> None:
         """Read the parameters. Raises StepError if the file is missing, damaged, or of another network."""
+        self.path = path
         self._net = _MobileSam(settings)
         load_strictly(self._net, path, rename_parameters)
         self._net.eval()
         self._net.image_encoder.fuse()
+        self._net.image_encoder.to(memory_format=torch.channels_last)  # as images are; a fifth faster
         self._positions = self._encode_positions()
 
     @torch.inference_mode()
