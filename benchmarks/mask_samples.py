@@ -128,21 +128,25 @@ def sample(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(N, C) channels and (N,) whether they are of the object."""
     channels, labels = [], []
+    known = [index for index, mask in enumerate(truth.masks) if mask is not None]
+    asked = rng.choice(known, min(VIEWS, len(known)), replace=False)
     for scene, guess, masks in list_guesses(truth, network):
-        for without in DROPPED if guess.hull is None else DROPPED_WITH_HULL:
-            see = fusion.prepare_channels(replace(scene, segmenter=segmenter), guess, without)
-            for index in rng.choice(len(masks), min(VIEWS, len(masks)), replace=False):
-                mask = masks[index]
-                if mask is None or not mask.any():
-                    continue
-                size = np.sqrt(mask.sum())
-                away = ndimage.distance_transform_edt(~mask)
-                near, shown = np.abs(ndimage.distance_transform_edt(mask) - away) < 0.1 * size, see(index)
-                # Before there is a hull, other things on the ground are things, too. Nobody has drawn them, so they are left out.
-                ground = (shown[..., fusion.CHANNELS.index("ground_known")] > 0) & (guess.hull is None)
-                # A window may show nothing but the object, far from its outline.
-                places = [np.flatnonzero(part) for part in (near, ~ground | (away < RING * size))]
+        see = fusion.prepare_channels(replace(scene, segmenter=segmenter), guess)
+        for index in asked:
+            mask = masks[index]
+            if not mask.any():
+                continue
+            size = np.sqrt(mask.sum())
+            away = ndimage.distance_transform_edt(~mask)
+            near, shown = np.abs(ndimage.distance_transform_edt(mask) - away) < 0.1 * size, see(index)
+            # Before there is a hull, other things on the ground are things, too. Nobody has drawn them, so they are left out.
+            ground = (shown[..., fusion.CHANNELS.index("ground_known")] > 0) & (guess.hull is None)
+            # A window may show nothing but the object, far from its outline.
+            places = [np.flatnonzero(part) for part in (near, ~ground | (away < RING * size))]
+            for without in DROPPED if guess.hull is None else DROPPED_WITH_HULL:
                 flat = np.concatenate([rng.choice(place, PIXELS // 2) for place in places if len(place)])
-                channels.append(shown.reshape(-1, len(fusion.CHANNELS))[flat])
+                sampled = shown.reshape(-1, len(fusion.CHANNELS))[flat]
+                sampled[:, [fusion.CHANNELS.index(name) for cue in without for name in fusion.CUES[cue].CHANNELS]] = 0
+                channels.append(sampled)
                 labels.append(mask.ravel()[flat])
     return np.concatenate(channels), np.concatenate(labels)
