@@ -1,7 +1,7 @@
 """Fit what the cues of the masks mean together, and the score that chooses and refuses, on captures whose masks are known.
 
-    python benchmarks/fit_masks.py cues --scenes FOLDER... --network u2netp.onnx
-    python benchmarks/fit_masks.py score --scenes FOLDER... --network u2netp.onnx
+    python benchmarks/fit_masks.py cues --scenes FOLDER... --network u2netp.onnx --segmenter mobile_sam.pt
+    python benchmarks/fit_masks.py score --scenes FOLDER... --network u2netp.onnx --segmenter mobile_sam.pt
 
 A folder has scene/ (registered photos) and reference masks of some of them in capture/truth/masks/ or reference/, named like the photos, 0
 or 255. Captures of one object are named OBJECT_NUMBER: they are left out together where the fit is judged (k-fold over objects). `cues`
@@ -11,7 +11,7 @@ writes segment/cues/cue_weights.json, `score` segment/quality/score_weights.json
 import argparse
 import contextlib
 import json
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -113,11 +113,13 @@ def rate_hypotheses(truth: Truth, network: SalientObjectNetwork) -> list[dict[st
 
 def fit_score(args: argparse.Namespace) -> None:
     """Fit the probability that masks are right, on hypotheses with all cues and without some."""
-    network, rows = SalientObjectNetwork(args.network), []
+    network, segmenter, rows = SalientObjectNetwork(args.network), MobileSam(args.segmenter), []
     for folder in args.scenes:
         cached = args.cache / f"{folder.name}.json"
         if not cached.is_file():
-            cached.write_text(json.dumps(rate_hypotheses(read_truth(folder, network, args.cache), network)))
+            truth = read_truth(folder, network, args.cache)
+            truth = replace(truth, scene=replace(truth.scene, segmenter=PromptedSegmenter(segmenter)))
+            cached.write_text(json.dumps(rate_hypotheses(truth, network)))
         found = json.loads(cached.read_text())
         rows += [row | {"object": name_object(folder)} for row in found]
         print(folder.name, *(f"{row['overlap']:.2f}" for row in found), flush=True)

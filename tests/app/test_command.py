@@ -3,6 +3,7 @@
 import hashlib
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -98,14 +99,17 @@ def named_network(network):
 def test_the_network_reaches_the_workflow_and_only_the_default_one_may_be_missing(tmp_path, monkeypatch, capsys):
     content = b"network" * 100
     row = WeightsFile("saliency/u2netp.onnx", "https://x", len(content), hashlib.sha256(content).hexdigest(), "Apache-2.0", "x", "y")
-    monkeypatch.setattr(weights, "read_table", lambda: {row.file: row})
+    segmenter = replace(row, file="mobile_sam.pt")
+    monkeypatch.setattr(weights, "read_table", lambda: {row.file: row, segmenter.file: segmenter})
     monkeypatch.setattr(workflow, "find_weights_home", lambda: tmp_path)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.onnx").touch()
     assert named_network("mine.onnx") == str(tmp_path / "mine.onnx")
+    assert "objects are cut out without Segment Anything" in capsys.readouterr().err
     assert named_network("none") == "none" and not capsys.readouterr().err
     path = tmp_path / "resources/weights/saliency/u2netp.onnx"
     path.parent.mkdir(parents=True)
+    (tmp_path / "resources/weights/mobile_sam.pt").write_bytes(content)
     for damage, said in ((None, "are not there"), (content[:-1], "cut short"), (content[::-1], "sha256")):
         if damage:
             path.write_bytes(damage)
@@ -116,6 +120,8 @@ def test_the_network_reaches_the_workflow_and_only_the_default_one_may_be_missin
             named_network("u2netp")
     path.write_bytes(content)
     assert named_network(None) == named_network("u2netp") == str(path) and not capsys.readouterr().err
+    named = workflow.settings_of_inputs(None)["segment"]["saliency"]["segmenter"]
+    assert named == str(tmp_path / "resources/weights/mobile_sam.pt")
 
 
 def test_a_check_tells_good_photos_from_too_few(tmp_path, capsys):

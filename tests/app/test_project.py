@@ -83,11 +83,11 @@ def test_an_installed_package_downloads_weights_once_into_the_users_cache(monkey
 
     monkeypatch.setattr(project_folders, "fetch_weights", fetch)
     project_folders.provide_weights()
-    assert asked == ["saliency/u2netp.onnx", "aliked/aliked-n16.pth", "aliked/aliked_lightglue.pth"]
+    assert asked == ["saliency/u2netp.onnx", "mobile_sam.pt", "aliked/aliked-n16.pth", "aliked/aliked_lightglue.pth"]
     assert all((cache / "resources/weights" / name).is_file() for name in asked)
     assert str(cache) in capsys.readouterr().err
     project_folders.provide_weights()
-    assert len(asked) == 3 and not capsys.readouterr().err
+    assert len(asked) == 4 and not capsys.readouterr().err
 
 
 def test_without_a_network_a_warning_says_so_and_nothing_is_left(monkeypatch, cache, capsys):
