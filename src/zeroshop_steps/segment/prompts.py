@@ -16,11 +16,12 @@ CLEARANCE = 1.5  # between them, of the distance from a point to the outline
 
 
 class PromptedSegmenter:
-    """The network, and the windows that it has encoded."""
+    """The network, the windows that it has encoded, and its last answer for each view."""
 
     def __init__(self, network: MobileSam) -> None:
         self._network = network
         self._encoded: dict[str, list[tuple[Window, Features]]] = {}
+        self._answers: dict[str, tuple[bytes, np.ndarray]] = {}
 
     @property
     def name(self) -> str:
@@ -41,11 +42,14 @@ class PromptedSegmenter:
         """
         around, features = self._encode(photo, view, window)
         box, points = _describe(shown, window, around)
-        masks = [
-            self._network.decode(features, box=box)[-1],
-            self._network.decode(features, points=points, labels=np.ones(len(points)))[-1],
-        ]
-        return around, np.stack(masks)
+        asked = np.concatenate([np.ravel(around), box.ravel(), points.ravel()]).tobytes()
+        before, masks = self._answers.get(view.camera.name, (b"", np.empty(0)))
+        if before != asked:
+            boxed = self._network.decode(features, box=box)
+            pointed = self._network.decode(features, points=points, labels=np.ones(len(points)))
+            masks = np.stack([boxed[-1], pointed[-1]])
+            self._answers[view.camera.name] = asked, masks
+        return around, masks
 
     def _encode(self, photo: np.ndarray, view: View, window: Window) -> tuple[Window, Features]:
         encoded = self._encoded.setdefault(view.camera.name, [])

@@ -72,7 +72,8 @@ class MobileSam:
         load_strictly(self._net, path, rename_parameters)
         self._net.eval()
         self._net.image_encoder.fuse()
-        self._net.image_encoder.to(memory_format=torch.channels_last)  # as images are; a fifth faster
+        # As images are; a fifth faster. PyTorch's types do not know this argument.
+        self._net.image_encoder.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._positions = self._encode_positions()
 
     @torch.inference_mode()

@@ -15,12 +15,16 @@ from scipy import ndimage
 from scipy.special import expit
 
 from zeroshop_steps.geometry.imaging.images import compute_overlap
+from zeroshop_steps.segment.cues import prompted
 from zeroshop_steps.segment.mask_hull import Solution
 from zeroshop_steps.segment.quality.mask_quality import MaskQuality
 from zeroshop_steps.segment.scene import MaskScene
 from zeroshop_steps.segment.support import find_clusters
 from zeroshop_steps.segment.support_voxels import VoxelGrid
 
+CONFIRMED = 0.75
+"""Quantile of the photos' overlaps with the network. It fails in single photos, but what it misses differs: where masks agree with each
+other, and a part of them with the network, all are confirmed."""
 WEIGHTS = Path(__file__).with_name("score_weights.json")
 RIGHT_OVERLAP = 0.9  # from here on, a mesh lacks no part
 LEAST_CLUSTER = 30  # points; fewer tell nothing about the masks
@@ -38,7 +42,9 @@ class Measures:
         contradiction: of the median mask's area, what the other views' masks contradict.
         mean_contradiction: the same of the mean mask.
         faulty: share of the masks that are empty, contradicted or of another size than the others predict.
-        network_difference: 1 less the overlap with what a salient-object network sees, of the median photo; 0 without a network.
+        network_difference: 1 less the overlap with what a salient-object network sees, reached in a quarter of the photos; 0 without one.
+        prompted_difference: 1 less the overlap with what Segment Anything cuts out in the box around the hull of the other photos, of the
+            median photo; 0 without it.
         points_missed: of the sparse points that are connected with those of the object, the share outside its hull.
         points_contradicted: of the sparse points that masks show, the share that lies elsewhere in space.
         cut_off: how much of the photo's border the mask covers, of the square root of its area, in the median photo.
@@ -49,6 +55,7 @@ class Measures:
     mean_contradiction: float
     faulty: float
     network_difference: float
+    prompted_difference: float
     points_missed: float
     points_contradicted: float
     cut_off: float
@@ -60,6 +67,7 @@ REASONS = {
     "mean_contradiction": "the masks of some photos contradict the others",
     "faulty": "many masks are empty or contradict the others",
     "network_difference": "the network sees something else than what stands on the ground",
+    "prompted_difference": "Segment Anything cuts something else out of the photos",
     "points_missed": "sparse points of the object lie outside the masks",
     "points_contradicted": "the masks show points of other things",
     "cut_off": "the object is cut off at the border of most photos",
@@ -73,7 +81,7 @@ def measure(scene: MaskScene, solution: Solution, qualities: Sequence[MaskQualit
     looks = [maps for maps in (scene.saliency, scene.closer_saliency) if maps is not None]
     if looks:
         best = [max(compute_overlap(mask, seen > 0.5) for seen in maps) for mask, maps in zip(masks, zip(*looks, strict=True), strict=True)]
-        difference = 1 - float(np.median(best))
+        difference = 1 - float(np.quantile(best, CONFIRMED))
     # Photos beside which the object lies say nothing; some of several objects do so in many.
     shown = [mask.any() or hull.any() for mask, hull in zip(masks, solution.hulls, strict=True)]
     judged = [quality for quality, of_object in zip(qualities, shown, strict=True) if of_object]
@@ -84,10 +92,23 @@ def measure(scene: MaskScene, solution: Solution, qualities: Sequence[MaskQualit
         mean_contradiction=float(np.mean(contradictions)),
         faulty=float(np.mean([quality.fault is not None for quality in judged])),
         network_difference=difference,
+        prompted_difference=_measure_prompted(scene, solution, masks),
         points_missed=_measure_missed(scene, solution),
         points_contradicted=_measure_contradicted(scene, solution, masks),
         cut_off=float(np.median([_measure_cut_off(mask, quality) for mask, quality in zip(masks, qualities, strict=True)])),
     )
+
+
+def _measure_prompted(scene: MaskScene, solution: Solution, masks: Sequence[np.ndarray]) -> float:
+    see = prompted.prepare(scene, solution.guess)
+    if see is None:
+        return 0.0
+    overlaps = []
+    for index, mask in enumerate(masks):
+        boxed, *_, known = see(index)
+        if known.any():
+            overlaps.append(compute_overlap(mask, boxed > 0))
+    return 1 - float(np.median(overlaps)) if overlaps else 0.0
 
 
 def _measure_cut_off(mask: np.ndarray, quality: MaskQuality) -> float:
