@@ -47,9 +47,9 @@ def run(args: argparse.Namespace) -> None:
 
     def check(fill: Fill, folder: Path, before: RegistrationFailed | None) -> dict[str, Any]:
         record = fill(folder, before)
-        return (
-            predicted_masks.check_by_predicted_masks(folder, record, network) if network and predicted_masks.is_sparse(record) else record
-        )
+        if network is None or not predicted_masks.is_sparse(record):
+            return record
+        return predicted_masks.check_by_predicted_masks(folder, record, network, args.max_wrong_probability)
 
     def register_object(by: Callable[[ImageSet, Path], dict[str, Any]], folder: Path, _: RegistrationFailed | None) -> dict[str, Any]:
         if image_set.masks is not None:

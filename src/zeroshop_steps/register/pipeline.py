@@ -88,6 +88,7 @@ def read_structure_options(args: argparse.Namespace) -> StructureOptions:
         seed=args.seed,
         object_only=args.scene in OBJECT_ONLY,
         leave_out=args.scene in PHOTO_SCENES,
+        limits=ConsistencyLimits(max_wrong_probability=args.max_wrong_probability),
     )
 
 
@@ -199,7 +200,7 @@ def write_checked(hypothesis: Hypothesis, image_set: ImageSet, asked: FinalCheck
     stopwatch.lap("undistort")
     record = record.add(**describe_lenses(model), **describe_model(pinhole_model))
     stopwatch.stop()
-    return verify(record, asked.about(hypothesis, pinhole_model), pinhole_model)
+    return verify(record, asked.about(hypothesis, pinhole_model), pinhole_model, report.max_wrong_probability)
 
 
 def _map_submodels(database: Path, image_set: ImageSet, options: StructureOptions) -> list[pycolmap.Reconstruction]:

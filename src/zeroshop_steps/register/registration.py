@@ -9,6 +9,7 @@ import pycolmap
 
 from zeroshop_steps.register.refinement.camera_deviation import write_deviations
 from zeroshop_steps.register.scene.record import OBJECT_ONLY, SCENES
+from zeroshop_steps.register.verification.verdict import MAX_WRONG_PROBABILITY
 from zeroshop_steps.register.verification.view_coverage import record_view_coverage
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import atomic_directory, write_json
@@ -23,10 +24,12 @@ def add_common_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_estimation_arguments(parser: argparse.ArgumentParser, min_share: float, min_images: int, seed: int) -> None:
-    """Arguments of every method that estimates cameras, with its own defaults: the fewest images that must be registered, and the seed."""
+    """Arguments of every method that estimates cameras, with its own defaults of the fewest images and the seed."""
     parser.add_argument("--min-share", type=float, default=min_share, help="share of images needed (default: %(default)s)")
     parser.add_argument("--min-images", type=int, default=min_images, help="number of images needed (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=seed, help="seed of all RANSAC loops (default: %(default)s)")
+    wrong_help = "cameras are refused from this probability of being wrong on (default: %(default)s)"
+    parser.add_argument("--max-wrong-probability", type=float, default=MAX_WRONG_PROBABILITY, help=wrong_help)
 
 
 def write_registration(out: Path, register: Callable[[Path], dict[str, Any]], estimated: bool = True) -> None:

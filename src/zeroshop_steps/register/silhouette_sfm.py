@@ -9,6 +9,7 @@ along the visual hull do (`guided_matching`).
 
 import math
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -124,7 +125,8 @@ def register(image_set: ImageSet, out: Path, options: SilhouetteOptions) -> dict
     if contradicting > max(FEW_MATCHES, MOST_CONTRADICTING * (supporting + contradicting)):
         reason = f"the outlines fit, but {contradicting} of {supporting + contradicting} matches of the pictures contradict the cameras"
         raise record.fail(f"{reason}; {SURFACE}", pinhole_model)
-    return dict(verify(record, [lambda: check_photometric_consistency(read_views(out)[0], wide=False)], pinhole_model).entries)
+    check = partial(check_photometric_consistency, read_views(out)[0], wide=False)
+    return dict(verify(record, [check], pinhole_model, options.structure.limits.max_wrong_probability).entries)
 
 
 def _find_cameras(

@@ -28,7 +28,7 @@ from zeroshop_steps.register.scene.record import (
     describe_model,
 )
 from zeroshop_steps.register.scene.undistortion import undistort
-from zeroshop_steps.register.verification.consistency import check_consistency
+from zeroshop_steps.register.verification.consistency import ConsistencyLimits, check_consistency
 from zeroshop_steps.register.verification.verdict import verify
 from zeroshop_steps.register.vggt.bundle import adjust_cameras, drop_weak_images, write_database
 from zeroshop_steps.register.vggt.dense_points import decode_cameras, find_confirmed_points
@@ -73,6 +73,7 @@ def solve(args: argparse.Namespace, published: Collection[str]) -> None:
         min_images=args.min_images,
         seed=args.seed,
         object_only=args.scene in OBJECT_ONLY,
+        limits=ConsistencyLimits(max_wrong_probability=args.max_wrong_probability),
     )
     image_set = read_image_set(args.capture)
     weights = resolve_published(args.weights, published)
@@ -137,7 +138,7 @@ def register(
     pinhole_model = undistort(solution.model, image_set, out)
     record = record.add(**describe_lenses(solution.model), **describe_model(pinhole_model))
     stopwatch.stop()
-    return dict(verify(record, [lambda: solution.evidence], pinhole_model).entries)
+    return dict(verify(record, [lambda: solution.evidence], pinhole_model, options.limits.max_wrong_probability).entries)
 
 
 def _solve_by_tracks(
