@@ -8,6 +8,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.register.scene.database import read_matches, read_places
 from zeroshop_steps.register.vggt.dense_points import unproject
 from zeroshop_steps.register.vggt.frames import Frames
 
@@ -45,13 +46,9 @@ def find_near(database: Path, scene: RoughScene) -> NearMatches:
     found = {}
     with pycolmap.Database.open(database) as opened:
         number = {opened.read_image_with_name(camera.name).image_id: view for view, camera in enumerate(scene.cameras)}
-        located = {
-            image_id: scene.locate(view, opened.read_keypoints(image_id)[:, :2].astype(np.float64).reshape(-1, 2))
-            for image_id, view in number.items()
-        }
-        for pair_id, geometry in zip(*opened.read_two_view_geometries(), strict=True):
-            first, second = pycolmap.pair_id_to_image_pair(pair_id)
-            one, other = geometry.inlier_matches.T
+        located = {image_id: scene.locate(number[image_id], places) for image_id, places in read_places(opened).items()}
+        for (first, second), matches in read_matches(opened):
+            one, other = matches.T
             apart = np.linalg.norm(located[first][0][one] - located[second][0][other], axis=1)
             found[first, second] = apart <= APART_SHARE * (located[first][1][one] + located[second][1][other]) / 2
     return found

@@ -86,6 +86,7 @@ def triangulate_points(
     camera_from_world: dict[str, pycolmap.Rigid3d],
     seed: int,
     change: Callable[[pycolmap.IncrementalPipelineOptions], None] | None = None,
+    lens: pycolmap.Camera | None = None,
 ) -> pycolmap.Reconstruction:
     """Sparse points from the matches of a database, with its cameras held fixed at {image stem: pose}.
 
@@ -95,10 +96,13 @@ def triangulate_points(
         camera_from_world: an image without a pose is left out.
         seed: of RANSAC.
         change: of the usual options.
+        lens: whose parameters all cameras have instead of those in the database.
     """
     model = pycolmap.Reconstruction()
     with pycolmap.Database.open(database) as opened:
         for camera in opened.read_all_cameras():
+            if lens:
+                camera.params = lens.params
             model.add_camera_with_trivial_rig(camera)
         for image in sorted(opened.read_all_images(), key=lambda image: image.name):
             pose = camera_from_world.get(Path(image.name).stem)

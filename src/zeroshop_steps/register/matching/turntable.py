@@ -11,7 +11,8 @@ import numpy as np
 import pycolmap
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.register.matching.verified_matches import make_verification_options, write_pairs
+from zeroshop_steps.register.matching.verified_matches import verify_pairs
+from zeroshop_steps.register.scene.database import read_matches, read_places
 from zeroshop_steps.register.scene.image_set import ImageSet
 
 STATIONARY_PX = 4.0  # per 1000 px of the longer side: matches that move less stand still, and those whose moves differ by less move alike
@@ -80,10 +81,9 @@ def verify_without_stationary(database: Path, image_set: ImageSet, seed: int) ->
     kept, names = {}, []
     with pycolmap.Database.open(database) as opened:
         images = {image.image_id: image.name for image in opened.read_all_images()}
-        points = {image_id: opened.read_keypoints(image_id)[:, :2].astype(np.float64) for image_id in images}
-        sizes = dict(zip(image_set.names, image_set.sizes_px, strict=True))
-        for pair_id, matches in zip(*opened.read_all_matches(), strict=True):
-            first, second = pair = pycolmap.pair_id_to_image_pair(pair_id)
+        points, sizes = read_places(opened), dict(zip(image_set.names, image_set.sizes_px, strict=True))
+        for pair, matches in read_matches(opened, verified=False):
+            first, second = pair
             names.append((images[first], images[second]))
             if len(matches) and sizes[images[first]] == sizes[images[second]]:
                 one, other = points[first][matches[:, 0]], points[second][matches[:, 1]]
@@ -94,9 +94,8 @@ def verify_without_stationary(database: Path, image_set: ImageSet, seed: int) ->
         opened.clear_matches()
         for (first, second), matches in kept.items():
             opened.write_matches(first, second, matches)
-    options = make_verification_options(seed)
-    options.min_num_inliers = LEAST_MATCHES  # pairs from other sides matched by the background alone, and fewer fit by chance
-    pycolmap.verify_matches(database, write_pairs(database, names), options)
+    # Pairs from other sides matched by the background alone, and fewer fit by chance.
+    verify_pairs(database, names, seed, LEAST_MATCHES)
 
 
 def find_alike(first: np.ndarray, second: np.ndarray, limit_px: float) -> np.ndarray:
@@ -124,11 +123,8 @@ def _read_pairs(database: Path, image_set: ImageSet, verified: bool) -> list[tup
     sizes = dict(zip(image_set.names, image_set.sizes_px, strict=True))
     with pycolmap.Database.open(database) as opened:
         images = {image.image_id: image.name for image in opened.read_all_images()}
-        points = {image_id: opened.read_keypoints(image_id)[:, :2].astype(np.float64) for image_id in images}
-        pair_ids, matched = opened.read_two_view_geometries() if verified else opened.read_all_matches()
-        for pair_id, pair in zip(pair_ids, matched, strict=True):
-            first, second = pycolmap.pair_id_to_image_pair(pair_id)
-            matches = pair.inlier_matches if verified else pair
+        points = read_places(opened)
+        for (first, second), matches in read_matches(opened, verified):
             if len(matches) >= LEAST_MATCHES and sizes[images[first]] == sizes[images[second]]:
                 found.append(((images[first], images[second]), points[first][matches[:, 0]], points[second][matches[:, 1]]))
     return found

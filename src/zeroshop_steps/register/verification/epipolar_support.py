@@ -13,6 +13,8 @@ import pycolmap
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import maximum_flow
 
+from zeroshop_steps.register.scene.database import read_matches, read_places
+
 
 @dataclass(frozen=True)
 class EpipolarSupport:
@@ -64,22 +66,19 @@ def count_epipolar_support(model: pycolmap.Reconstruction, database: Path, max_e
     row = {image.image_id: index for index, image in enumerate(images)}
     supporting, contradicting = np.zeros((2, len(images), len(images)), dtype=np.int64)
     with pycolmap.Database.open(database) as opened:
-        rays = {}
-        for image in images:
-            keypoints = opened.read_keypoints(image.image_id)[:, :2].astype(np.float64)
-            rays[image.image_id] = model.cameras[image.camera_id].cam_from_img(keypoints)
-        for pair_id, geometry in zip(*opened.read_two_view_geometries(), strict=True):
-            first, second = pycolmap.pair_id_to_image_pair(pair_id)
-            if first not in row or second not in row or not len(geometry.inlier_matches):
-                continue
-            a, b = model.images[first], model.images[second]
-            focal = model.cameras[a.camera_id].mean_focal_length(), model.cameras[b.camera_id].mean_focal_length()
-            second_from_first = (b.cam_from_world() * a.cam_from_world().inverse()).matrix()
-            points_a, points_b = rays[first][geometry.inlier_matches[:, 0]], rays[second][geometry.inlier_matches[:, 1]]
-            good = find_explained(points_a, points_b, second_from_first, max_error_px / (0.5 * sum(focal)))
-            i, j = row[first], row[second]
-            supporting[i, j] = supporting[j, i] = good.sum()
-            contradicting[i, j] = contradicting[j, i] = (~good).sum()
+        places, pairs = read_places(opened), read_matches(opened)
+    rays = {image.image_id: model.cameras[image.camera_id].cam_from_img(places[image.image_id]) for image in images}
+    for (first, second), matches in pairs:
+        if first not in row or second not in row or not len(matches):
+            continue
+        a, b = model.images[first], model.images[second]
+        focal = model.cameras[a.camera_id].mean_focal_length(), model.cameras[b.camera_id].mean_focal_length()
+        second_from_first = (b.cam_from_world() * a.cam_from_world().inverse()).matrix()
+        points_a, points_b = rays[first][matches[:, 0]], rays[second][matches[:, 1]]
+        good = find_explained(points_a, points_b, second_from_first, max_error_px / (0.5 * sum(focal)))
+        i, j = row[first], row[second]
+        supporting[i, j] = supporting[j, i] = good.sum()
+        contradicting[i, j] = contradicting[j, i] = (~good).sum()
     return EpipolarSupport(tuple(image.name for image in images), supporting, contradicting)
 
 
