@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
     image_set = read_image_set(args.capture)
-    learned = aliked.read_options(args)
+    learned = aliked.read_aliked_options(args)
     network = None if image_set.masks is not None or args.network is None else load_network(args)
     find_maps = functools.cache(predicted_masks.find_object_maps)
 
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
 
     def fill(folder: Path) -> dict[str, Any]:
         with scratch_directory(folder, "colmap") as scratch:
-            scene = colmap.read_options(args)
+            scene = colmap.read_colmap_options(args)
             proposers = [
                 replace(proposer, fill=functools.partial(check, proposer.fill))
                 for proposer in colmap.make_proposers(image_set, scene, scratch)

@@ -25,7 +25,7 @@ from zeroshop_steps.register.matching.verified_matches import match_features
 from zeroshop_steps.register.matching.view_graph import ViewGraph
 from zeroshop_steps.register.matching.wide_lens import WIDE_LENS_REMEDY, find_wide_lenses, set_lenses
 from zeroshop_steps.register.pipeline import StructureOptions, add_matching_arguments, read_structure_options, reconstruct
-from zeroshop_steps.register.registration import write_registration
+from zeroshop_steps.register.registration import add_options, read_options, write_registration
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.scene.record import DuplicateStructure, Inconsistent, Record, RegistrationFailed, Stopwatch, TooFewRegistered
 from zeroshop_steps.register.verification.view_coverage import LEAST_SPREAD_DEG, LEAST_TURN_DEG, check_spread
@@ -72,19 +72,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_own_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that this method alone has."""
-    features = SiftOptions().max_features
-    parser.add_argument("--max-features", type=int, default=features, help="SIFT features per image (default: %(default)s)")
+    add_options(parser, SiftOptions(), max_features="SIFT features per image")
 
 
-def read_options(args: argparse.Namespace) -> ColmapOptions:
+def read_colmap_options(args: argparse.Namespace) -> ColmapOptions:
     """The options that the command line gives."""
-    features = SiftOptions(max_features=args.max_features, focal_px=args.focal_px, seed=args.seed, threads=args.threads)
-    return ColmapOptions(features, read_structure_options(args))
+    return ColmapOptions(read_options(SiftOptions, args), read_structure_options(args))
 
 
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
-    options, image_set = read_options(args), read_image_set(args.capture)
+    options, image_set = read_colmap_options(args), read_image_set(args.capture)
     write_registration(args.out, lambda folder: register(image_set, folder, options))
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +14,7 @@ from zeroshop_steps.register.final_refinement import Hypothesis, Improver
 from zeroshop_steps.register.mapping.mapper import make_mapping_options, map_incrementally, map_submodels
 from zeroshop_steps.register.mapping.reregistration import refine_robustly, register_again, remove_images, repair
 from zeroshop_steps.register.matching.view_graph import describe_components, find_components
-from zeroshop_steps.register.registration import add_common_arguments, add_estimation_arguments
+from zeroshop_steps.register.registration import add_common_arguments, add_estimation_arguments, read_options
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.record import (
     OBJECT_ONLY,
@@ -27,7 +28,7 @@ from zeroshop_steps.register.scene.record import (
 )
 from zeroshop_steps.register.scene.undistortion import undistort
 from zeroshop_steps.register.submodels.merge import LEAST_IMAGES, merge_submodels
-from zeroshop_steps.register.verification.consistency import ConsistencyLimits, check_consistency, find_unsure
+from zeroshop_steps.register.verification.consistency import ConsistencyLimits, ConsistencyReport, check_consistency, find_unsure
 from zeroshop_steps.register.verification.duplicate_structure import MayMatch
 from zeroshop_steps.register.verification.verdict import verify
 
@@ -75,21 +76,14 @@ class StructureOptions:
 def add_matching_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that all methods share that match features."""
     add_common_arguments(parser)
-    defaults = StructureOptions()
-    add_estimation_arguments(parser, defaults.min_share, defaults.min_images, defaults.seed)
+    add_estimation_arguments(parser, StructureOptions())
     parser.add_argument("--focal-px", type=float, default=None, help="focal length if known; else EXIF or an estimate")
 
 
 def read_structure_options(args: argparse.Namespace) -> StructureOptions:
     """The options that the command line gives."""
-    return StructureOptions(
-        min_share=args.min_share,
-        min_images=args.min_images,
-        seed=args.seed,
-        object_only=args.scene in OBJECT_ONLY,
-        leave_out=args.scene in PHOTO_SCENES,
-        limits=ConsistencyLimits(max_wrong_probability=args.max_wrong_probability),
-    )
+    whose = {"object_only": args.scene in OBJECT_ONLY, "leave_out": args.scene in PHOTO_SCENES}
+    return read_options(StructureOptions, args, limits=read_options(ConsistencyLimits, args), **whose)
 
 
 def reconstruct(
@@ -243,23 +237,40 @@ def refine_and_repair(
     """Refine, place suspicious images again, and leave out those that the pictures contradict even then, or hold unsurely."""
     images = image_set.images[0].parent
     model, again = repair(model, database, images, scratch, options.seed)
-    report = check_consistency(model, image_set, database, options.limits, options.doubt_masks)
-    dropped: list[str] = []
+    check = partial(check_consistency, image_set=image_set, database=database, limits=options.limits, doubt_masks=options.doubt_masks)
+    place = partial(register_again, database=database, images=images, scratch=scratch, seed=options.seed)
+    found = leave_out_culprits(Hypothesis(model, check(model), tuple(again)), options, place, refine_robustly, check)
+    if not found.report.is_doubtful and image_set.masks is None and (unsure := find_unsure(found.model, found.report.evidence)):
+        model = remove_images(found.model, unsure)
+        refine_robustly(model)
+        found = replace(found, model=model, report=check(model), left_out=(*found.left_out, *unsure))
+    return found
+
+
+def leave_out_culprits(
+    found: Hypothesis,
+    options: StructureOptions,
+    place: Callable[[pycolmap.Reconstruction, list[str]], pycolmap.Reconstruction],
+    refine: Callable[[pycolmap.Reconstruction], None],
+    check: Callable[[pycolmap.Reconstruction], ConsistencyReport],
+) -> Hypothesis:
+    """The model whose images that a check blames were placed again, and left out where they are blamed even then.
+
+    Args:
+        found: the model, its report, and the images that were placed again before.
+        options: how often, and how many images must stay.
+        place: a copy of a model with some images placed anew.
+        refine: adjusts a model in place.
+        check: of a model.
+    """
     for _ in range(options.max_dropped):
-        if not report.culprits or model.num_reg_images() - len(report.culprits) < options.min_images:
+        model, names = found.model, found.report.culprits
+        if not names or found.registered - len(names) < options.min_images:
             break
-        names = list(report.culprits)
-        if set(names) <= set(again):
-            dropped += names
-            model = remove_images(model, names)
+        if set(names) <= set(found.placed_again):
+            model, left_out, again = remove_images(model, list(names)), (*found.left_out, *names), found.placed_again
         else:
-            again += names
-            model = register_again(model, names, database, images, scratch, options.seed)
-        refine_robustly(model)
-        report = check_consistency(model, image_set, database, options.limits, options.doubt_masks)
-    if not report.is_doubtful and image_set.masks is None and (unsure := find_unsure(model, report.evidence)):
-        dropped += unsure
-        model = remove_images(model, unsure)
-        refine_robustly(model)
-        report = check_consistency(model, image_set, database, options.limits, options.doubt_masks)
-    return Hypothesis(model, report, tuple(again), tuple(dropped))
+            model, left_out, again = place(model, list(names)), found.left_out, (*found.placed_again, *names)
+        refine(model)
+        found = Hypothesis(model, check(model), again, left_out)
+    return found

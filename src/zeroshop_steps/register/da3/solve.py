@@ -12,14 +12,13 @@ import pycolmap
 import torch
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
-from zeroshop_steps.register.colmap import ColmapOptions, match_and_reconstruct
+from zeroshop_steps.register.colmap import match_and_reconstruct, read_colmap_options
 from zeroshop_steps.register.da3.guided_matches import RoughScene
 from zeroshop_steps.register.da3.network import Da3Network, find_size, predict_peak_bytes
 from zeroshop_steps.register.da3.options import Da3Options
 from zeroshop_steps.register.da3.refinement import TooFewMatches, start_from_cameras
-from zeroshop_steps.register.features.sift import SiftOptions, fit_to_count
-from zeroshop_steps.register.pipeline import read_structure_options
-from zeroshop_steps.register.registration import write_registration
+from zeroshop_steps.register.features.sift import fit_to_count
+from zeroshop_steps.register.registration import read_options, write_registration
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.scene.record import Evidence, Fault, Record, RegistrationFailed, Stopwatch, describe_lenses, describe_model
 from zeroshop_steps.register.scene.undistortion import undistort
@@ -42,8 +41,7 @@ class CameraPredictor(Protocol):
 
 def solve(args: argparse.Namespace, published: Collection[str]) -> None:
     """Write the cameras folder of the command line's arguments; checkpoints are checked that are `published`, below resources/weights."""
-    sift = SiftOptions(max_features=args.max_features, seed=args.seed, threads=args.threads)
-    options = Da3Options(refine=args.refine, precision=args.precision, colmap=ColmapOptions(sift, read_structure_options(args)))
+    options = read_options(Da3Options, args, colmap=read_colmap_options(args))
     image_set = read_image_set(args.capture)
     weights = resolve_published(args.weights, published)
     settings = read_settings(weights, find_size(weights))

@@ -144,17 +144,26 @@ def _has_two_motions(first: np.ndarray, second: np.ndarray, limit_px: float, see
     if any(one is None for one in found) or found[0]["num_inliers"] < LEAST_MATCHES:
         return None
     rest = np.flatnonzero(~alike)[found[0]["inlier_mask"]]
-    foreign = _measure_misses_px(found[0]["F"], first[alike], second[alike]) < limit_px
+    foreign = measure_sampson(found[0]["F"], first[alike], second[alike]) < limit_px
     common = np.asarray(found[1]["inlier_mask"])
     return bool(max(foreign.mean(), min(common[alike].mean(), common[rest].mean())) < APART_FIT)
 
 
-def _measure_misses_px(fundamental: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(M,) Sampson distances of matches from an epipolar geometry (Hartley and Zisserman 2004, eq. 11.9)."""
-    one, other = np.column_stack([first, np.ones(len(first))]), np.column_stack([second, np.ones(len(second))])
+def measure_sampson(
+    fundamental: np.ndarray, first: np.ndarray, second: np.ndarray, slopes: tuple[np.ndarray, np.ndarray] | None = None
+) -> np.ndarray:
+    """(M,) Sampson distances of (M, 2) matches from an epipolar geometry (Hartley and Zisserman 2004, eq. 11.9).
+
+    Args:
+        slopes: of points that were moved, (M, 2, 2) of the first ones and the second ones: distances are those before.
+    """
+    one, other = (np.column_stack([points, np.ones(len(points))]) for points in (first, second))
     lines, back = one @ fundamental.T, other @ fundamental
-    steepness: np.ndarray = np.sqrt((lines[:, :2] ** 2).sum(1) + (back[:, :2] ** 2).sum(1))
-    return np.abs((other * lines).sum(1)) / np.maximum(steepness, 1e-12)
+    steepness = back[:, :2], lines[:, :2]
+    if slopes:
+        steepness = tuple(np.einsum("mji,mj->mi", slope, steep) for slope, steep in zip(slopes, steepness, strict=True))
+    length: np.ndarray = np.sqrt((steepness[1] ** 2).sum(1) + (steepness[0] ** 2).sum(1))
+    return np.abs((other * lines).sum(1)) / np.maximum(length, 1e-12)
 
 
 def _limit_px(image_set: ImageSet, names: tuple[str, str]) -> float:

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.register.matching.turntable import STATIONARY_PX
+from zeroshop_steps.register.matching.turntable import STATIONARY_PX, measure_sampson
 from zeroshop_steps.register.matching.verified_matches import verify_pairs
 from zeroshop_steps.register.scene.database import read_matches, read_places
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
@@ -190,7 +190,7 @@ def _measure_errors(pairs: Iterable[Pair], distortion: Distortion, focal: float 
         error = np.full(len(first), np.inf)
         fundamental = _fit_epipolar_geometry(first[known], second[known], focal, options) if known.sum() >= LEAST_MATCHES else None
         if fundamental is not None:
-            error[known] = _measure_sampson(fundamental, first[known], second[known], slope_first[known], slope_second[known])
+            error[known] = measure_sampson(fundamental, first[known], second[known], (slope_first[known], slope_second[known]))
         errors.append(error)
     return np.concatenate(errors)
 
@@ -207,17 +207,6 @@ def _fit_epipolar_geometry(
     found = pycolmap.estimate_essential_matrix(1000 * first, 1000 * second, pinhole, pinhole, options)
     shrink = np.diag([1 / focal, 1 / focal, 1.0])
     return shrink @ found["E"] @ shrink if found else None
-
-
-def _measure_sampson(
-    fundamental: np.ndarray, first: np.ndarray, second: np.ndarray, slope_first: np.ndarray, slope_second: np.ndarray
-) -> np.ndarray:
-    """(M,) Sampson distances (Hartley and Zisserman 2004, eq. 11.9) before the points were moved, by the (M, 2, 2) slopes of the moves."""
-    one, other = (np.column_stack([points, np.ones(len(points))]) for points in (first, second))
-    lines, back = one @ fundamental.T, other @ fundamental
-    steepness = np.einsum("mji,mj->mi", slope_second, lines[:, :2]), np.einsum("mji,mj->mi", slope_first, back[:, :2])
-    length = np.sqrt((steepness[0] ** 2).sum(1) + (steepness[1] ** 2).sum(1))
-    return np.abs((other * lines).sum(1)) / np.maximum(length, 1e-12)
 
 
 def _make_lens(camera: pycolmap.Camera, distortion: Distortion, pairs: list[Pair], seed: int) -> WideLens:
