@@ -26,7 +26,7 @@ from zeroshop_steps.register.matching.pair_selection import choose_pairs
 from zeroshop_steps.register.pipeline import StructureOptions, add_matching_arguments, read_structure_options, reconstruct
 from zeroshop_steps.register.registration import add_network_arguments, add_options, read_options, write_registration
 from zeroshop_steps.register.scene.image_set import ImageSet, mask_files, read_image_set, read_masks
-from zeroshop_steps.register.scene.record import OBJECT_ONLY, Record, Stopwatch
+from zeroshop_steps.register.scene.record import OBJECT_ONLY, Record
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import scratch_directory
 from zeroshop_steps.runtime.progress import track
@@ -76,12 +76,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_matching_arguments(parser)
     anchors, confidence = "up to so many images all pairs are matched; of se, 30", "of a match; of se, 0.01"
     add_options(parser, Mast3rOptions(), anchors=anchors, min_confidence=confidence, min_track="images of a track")
-    parser.add_argument(
-        "--long-side-px",
-        type=int,
-        default=LONG_SIDE_PX,
-        help="length of the network's pictures along the longer side (default: %(default)s)",
-    )
+    side_help = "length of the network's pictures along the longer side (default: %(default)s)"
+    parser.add_argument("--long-side-px", type=int, default=LONG_SIDE_PX, help=side_help)
     add_network_arguments(parser, WEIGHTS_FOLDER / NAME)
 
 
@@ -112,24 +108,23 @@ def register(image_set: ImageSet, out: Path, options: Mast3rOptions, predictor: 
         RegistrationFailed: nothing matches, too few images, or an inconsistent model.
         StepError: the network cannot run.
     """
-    stopwatch = Stopwatch()
-    record = Record.begin("mast3r", image_set, options, stopwatch, pycolmap, torch)
+    record = Record.begin("mast3r", image_set, options, pycolmap, torch)
     prepared = predictor()
-    stopwatch.lap("encode")
+    record.stopwatch.lap("encode")
     keypoints, matches = match_images(prepared, image_set, options)
-    stopwatch.lap("match")
+    record.stopwatch.lap("match")
     with scratch_directory(out, "mast3r") as scratch:
         database = scratch / "database.db"
         structure = options.structure
         kept = write_matches(database, image_set, keypoints, matches, options.min_track, structure.seed, options.focal_px)
         record = record.add(**kept)
-        stopwatch.lap("verify")
+        record.stopwatch.lap("verify")
         if not kept["matches"]:
             raise record.fail(
                 f"the network finds no matches between the images, or none that {options.min_track} of them share; take more pictures"
                 " with more overlap"
             )
-        return dict(reconstruct(database, image_set, out, structure, record, stopwatch).entries)
+        return dict(reconstruct(database, image_set, out, structure, record).entries)
 
 
 def match_images(predictor: PairPredictor, image_set: ImageSet, options: Mast3rOptions) -> tuple[list[np.ndarray], PairMatches]:

@@ -20,7 +20,6 @@ from zeroshop_steps.register.scene.record import (
     OBJECT_ONLY,
     PHOTO_SCENES,
     Record,
-    Stopwatch,
     TooFewRegistered,
     describe_lenses,
     describe_model,
@@ -92,7 +91,6 @@ def reconstruct(
     out: Path,
     options: StructureOptions,
     record: Record,
-    stopwatch: Stopwatch,
     may_match: MayMatch | None = None,
     by_object: bool = False,
     start: pycolmap.Reconstruction | None = None,
@@ -119,9 +117,8 @@ def reconstruct(
         options = replace(options, limits=replace(options.limits, wrong_masks_share=WRONG_MASKS_OF_OBJECT))
     expected, apart = count, None
     if options.leave_out and not image_set.film:  # a film shows one scene: frames without matches are not foreign, but missing
-        connected = _find_connected(database, image_set, options)
-        expected, apart = connected.expected, connected.apart
-        record = record.add(foreign=connected.foreign)
+        expected, foreign, apart = _find_connected(database, image_set, options)
+        record = record.add(foreign=foreign)
     if apart and not by_object:
         raise record.fail(apart, kind=TooFewRegistered)
     needed = max(options.min_images, math.ceil(options.min_share * expected))
@@ -129,17 +126,19 @@ def reconstruct(
     if start is None and not apart:  # images that lie apart have a model if they can be joined, and none otherwise
         mapper = make_mapping_options(min(needed, count), options.seed)
         model = map_incrementally(database, image_set.images[0].parent, scratch / "models", mapper)
-    stopwatch.lap("map")
+    record.stopwatch.lap("map")
     hypothesis = None
     if model is not None:
         hypothesis = refine_and_repair(model, image_set, database, scratch, options)
         record = record.add(placed_again=list(hypothesis.placed_again), left_out=list(hypothesis.left_out))
-        stopwatch.lap("repair")
+        record.stopwatch.lap("repair")
     if by_object and (hypothesis.registered if hypothesis else 0) < max(needed, math.ceil(options.min_share * count)):
         # Of an object alone, photos without matches are not foreign: they may show its other side.
-        whole, tried = merge_submodels(_map_submodels(database, image_set, options), image_set, scratch)
+        mapper = make_mapping_options(LEAST_IMAGES, options.seed)
+        submodels = map_submodels(database, image_set.images[0].parent, scratch / "groups", mapper)
+        whole, tried = merge_submodels(submodels, image_set, scratch)
         record = record.add(joining=tried)
-        stopwatch.lap("join")
+        record.stopwatch.lap("join")
         if whole is not None and whole.num_reg_images() >= max(needed, (hypothesis.registered if hypothesis else 0) + 1):
             # No matches hold the submodels to each other: outlines and pictures do, and were asked.
             options = replace(options, limits=replace(options.limits, cut_matches=0))
@@ -158,26 +157,26 @@ def reconstruct(
     if not hypothesis.report.is_doubtful:
         check = partial(check_consistency, image_set=image_set, database=database, limits=options.limits, doubt_masks=options.doubt_masks)
         improver = Improver(image_set, check, needed if by_object else count)
-        hypothesis, record = improve(improver, hypothesis, by_object, record, stopwatch)
+        hypothesis, record = improve(improver, hypothesis, by_object, record)
     asked = FinalChecks(out, all_matches or database, may_match, by_object, options.compare_pictures, options.seed)
-    return write_checked(hypothesis, image_set, asked, record, stopwatch)
+    return write_checked(hypothesis, image_set, asked, record)
 
 
-def improve(improver: Improver, hypothesis: Hypothesis, by_object: bool, record: Record, stopwatch: Stopwatch) -> tuple[Hypothesis, Record]:
+def improve(improver: Improver, hypothesis: Hypothesis, by_object: bool, record: Record) -> tuple[Hypothesis, Record]:
     """The model refined by pictures, and by silhouettes where points hold it loosely."""
     left_out = hypothesis.left_out
     hypothesis, found = improver.refine_keypoints(hypothesis)
     record = record.add(**found)
-    stopwatch.lap("sharpen")
+    record.stopwatch.lap("sharpen")
     held_loosely = by_object or hypothesis.model.compute_mean_observations_per_reg_image() < LOOSE_OBSERVATIONS
     if improver.image_set.masks and held_loosely:
         hypothesis, found = improver.adjust_by_silhouettes(hypothesis, bool(record.entries["sharpened"].get("points")))
         record = record.add(**found)
-        stopwatch.lap("outlines")
+        record.stopwatch.lap("outlines")
     return hypothesis, record if hypothesis.left_out == left_out else record.add(left_out=list(hypothesis.left_out))
 
 
-def write_checked(hypothesis: Hypothesis, image_set: ImageSet, asked: FinalChecks, record: Record, stopwatch: Stopwatch) -> Record:
+def write_checked(hypothesis: Hypothesis, image_set: ImageSet, asked: FinalChecks, record: Record) -> Record:
     """Write the undistorted model into the folder of the checks, and complete the record.
 
     Raises:
@@ -191,33 +190,14 @@ def write_checked(hypothesis: Hypothesis, image_set: ImageSet, asked: FinalCheck
             f"the masks of {len(report.wrong_masks)} of {len(image_set.images)} photos contradict those of the others: {shown}"
         )
     pinhole_model = undistort(model, image_set, asked.folder)
-    stopwatch.lap("undistort")
+    record.stopwatch.lap("undistort")
     record = record.add(**describe_lenses(model), **describe_model(pinhole_model))
-    stopwatch.stop()
+    record.stopwatch.stop()
     return verify(record, asked.about(hypothesis, pinhole_model), pinhole_model, report.max_wrong_probability)
 
 
-def _map_submodels(database: Path, image_set: ImageSet, options: StructureOptions) -> list[pycolmap.Reconstruction]:
-    mapper = make_mapping_options(LEAST_IMAGES, options.seed)
-    return map_submodels(database, image_set.images[0].parent, database.parent / "groups", mapper)
-
-
-@dataclass(frozen=True)
-class _Connected:
-    """Images that matches tie together.
-
-    Attributes:
-        expected: how many show one scene.
-        foreign: names of the others.
-        apart: why no scene can be told, where these are too few of all.
-    """
-
-    expected: int
-    foreign: list[str]
-    apart: str | None
-
-
-def _find_connected(database: Path, image_set: ImageSet, options: StructureOptions) -> _Connected:
+def _find_connected(database: Path, image_set: ImageSet, options: StructureOptions) -> tuple[int, list[str], str | None]:
+    """How many images matches tie to one scene, the names of the others, and why no scene can be told, where these are too many."""
     groups = find_components(database)
     count, common = len(image_set.images), len(groups[0])
     apart = None
@@ -228,7 +208,7 @@ def _find_connected(database: Path, image_set: ImageSet, options: StructureOptio
             " not moved, or take more pictures in between, on a ground with plenty of print"
         )
     foreign = sorted(set(image_set.names) - set(groups[0]))
-    return _Connected(max(common, math.ceil(LEAST_COMMON_SHARE * count)), foreign, apart)
+    return max(common, math.ceil(LEAST_COMMON_SHARE * count)), foreign, apart
 
 
 def refine_and_repair(

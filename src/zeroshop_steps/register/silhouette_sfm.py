@@ -82,9 +82,8 @@ def register(image_set: ImageSet, out: Path, options: SilhouetteOptions) -> dict
         RegistrationFailed: outlines are cut off, do not fit together, or fit in several ways; or matches contradict the cameras.
         StepError: there are no masks.
     """
-    stopwatch = Stopwatch()
     count = len(image_set.images)
-    record = Record.begin("outlines", image_set, options, stopwatch, pycolmap)
+    record = Record.begin("outlines", image_set, options, pycolmap)
     by_name = read_masks(image_set)
     masks = [by_name[name] for name in image_set.names]
     cut = [image_set.shown[name] for name, mask in by_name.items() if _is_cut(mask)]
@@ -96,11 +95,11 @@ def register(image_set: ImageSet, out: Path, options: SilhouetteOptions) -> dict
         focal_px = _guess_focal_px(scratch / "lenses.db", image_set, options.sift.focal_px)
         views = _Views(image_set, by_name, prepare_outlines(masks, focal_px), focal_px)
         try:
-            cameras, found = _find_cameras(views, options.structure, stopwatch)
+            cameras, found = _find_cameras(views, options.structure, record.stopwatch)
         except RegistrationFailed as failure:
             raise failure.after(record) from None
         record = record.add(outlines=dict(found.entries))
-        stopwatch.lap("elsewhere")
+        record.stopwatch.lap("elsewhere")
         whole, placed = image_set, {camera.name for camera in cameras}
         image_set = whole.take([number for number, name in enumerate(whole.names) if name in placed])
         database = scratch / "database.db"
@@ -109,19 +108,19 @@ def register(image_set: ImageSet, out: Path, options: SilhouetteOptions) -> dict
         match_features(database, options.sift)
         poses = {Path(camera.name).stem: to_rigid(camera.camera_from_world) for camera in cameras}
         model = triangulate_points(database, image_set, poses, options.sift.seed)
-        stopwatch.lap("triangulate")
+        record.stopwatch.lap("triangulate")
         joint = adjust_model_by_silhouettes(model, image_set)
-        stopwatch.lap("outlines")
+        record.stopwatch.lap("outlines")
         model, guided = adjust_by_guided_tracks(joint.model, image_set)
         record = record.add(joint_miss_px=list(joint.missed_px), guided=guided)
-        stopwatch.lap("guide")
+        record.stopwatch.lap("guide")
         evidence = count_epipolar_support(model, database)
         pinhole_model = undistort(model, image_set, out)
-        stopwatch.lap("undistort")
+        record.stopwatch.lap("undistort")
     record = record.judge(find_missing(whole, placed)).add(**describe_lenses(model), **describe_model(pinhole_model))
     supporting, contradicting = int(evidence.supporting.sum()) // 2, int(evidence.contradicting.sum()) // 2
     record = record.add(matches={"supporting": supporting, "contradicting": contradicting})
-    stopwatch.stop()
+    record.stopwatch.stop()
     if contradicting > max(FEW_MATCHES, MOST_CONTRADICTING * (supporting + contradicting)):
         reason = f"the outlines fit, but {contradicting} of {supporting + contradicting} matches of the pictures contradict the cameras"
         raise record.fail(f"{reason}; {SURFACE}", pinhole_model)
@@ -225,7 +224,9 @@ def _place(
     found = read_hypothesis(fit.cameras, shown.outlines, shown.focal_px)
     kept, known = _keep_placed(shown, found, np.flatnonzero(fitting), elevations_deg, needed, known)
     way, *others = [way.take(fit.numbers[kept]) for way in ways]
-    _require_one_way(way, others, known)
+    rivals = [other for other in others if _is_rival(way, other)]
+    if rivals:
+        raise _fail(f"the outlines fit in {1 + len(rivals)} ways; {SURFACE}", known)
     return (fit.cameras if len(kept) == len(fit.cameras) else fit.take(kept, views.masks).cameras), known
 
 
@@ -251,13 +252,6 @@ def _keep_placed(
             told = f"{len(left_out)} of {len(image_set.names)} photos, such as {image_set.shown[next(iter(left_out))]}"
             told += ", could have been taken from elsewhere" + (f", and {unfit} do not fit the others" if unfit else "")
             raise known.fail(f"the outlines fit in several ways: {told}; {SURFACE}", kind=_SeveralWays)
-
-
-def _require_one_way(found: PoseHypothesis, others: list[PoseHypothesis], known: Record) -> None:
-    """Raise RegistrationFailed where another of the ways that were found fits as well."""
-    rivals = [other for other in others if _is_rival(found, other)]
-    if rivals:
-        raise _fail(f"the outlines fit in {1 + len(rivals)} ways; {SURFACE}", known)
 
 
 def _is_rival(found: PoseHypothesis, other: PoseHypothesis) -> bool:

@@ -72,13 +72,12 @@ def register(image_set: ImageSet, given: GivenCameras, out: Path, options: Colma
             f"{len(poses)} of {len(names)} images have a given pose, {LEAST_POSES} are needed; let cameras be estimated (colmap) instead"
         )
     options = replace(options, sift=fit_to_count(options.sift, len(names)))
-    stopwatch = Stopwatch()
-    record = Record.begin("given", image_set, options, stopwatch, pycolmap).warn(*given.warnings)
+    record = Record.begin("given", image_set, options, pycolmap).warn(*given.warnings)
     lenses = {name: given.images[name].lens.to_colmap() for name in names}
     _check_distance(record, given, poses, lenses)
     with scratch_directory(out, "given") as scratch:
         scene = _Scene(image_set, given, scratch / "database.db", options)
-        graph = match_images(scene.database, image_set, options, stopwatch, {Path(name).stem: lens for name, lens in lenses.items()})
+        graph = match_images(scene.database, image_set, options, record.stopwatch, {Path(name).stem: lens for name, lens in lenses.items()})
         record = record.judge(graph.evidence())
         support, fault = find_fault(poses, read_pairs(scene.database, lenses), names)
         facts = {
@@ -90,15 +89,15 @@ def register(image_set: ImageSet, given: GivenCameras, out: Path, options: Colma
         record = record.add(given=facts)
         if fault:
             raise record.fail(f"the given cameras ({given.source}) are refused: {fault}", kind=Inconsistent)
-        stopwatch.lap("understand")
+        record.stopwatch.lap("understand")
         # Keypoints are not aligned by the pictures as for `colmap`: of a bottle on print, cameras are 0.07 mm off without, 0.08 with.
-        model = _adjust_in_rounds(scene, poses, stopwatch)
+        model = _adjust_in_rounds(scene, poses, record.stopwatch)
         hypothesis = Hypothesis(model, scene.check(model))
         hypothesis = leave_out_culprits(hypothesis, options.structure, scene.place, partial(adjust, given=given), scene.check)
         record = record.add(placed_again=list(hypothesis.placed_again), left_out=list(hypothesis.left_out))
         record = _tell_shifts(record, hypothesis.model, given, image_set)
         asked = FinalChecks(out, scene.database, graph.may_match(), False, options.structure.compare_pictures, options.structure.seed, True)
-        return dict(write_checked(hypothesis, image_set, asked, record, stopwatch).entries)
+        return dict(write_checked(hypothesis, image_set, asked, record).entries)
 
 
 def _check_distance(record: Record, given: GivenCameras, poses: dict[str, np.ndarray], lenses: dict[str, pycolmap.Camera]) -> None:

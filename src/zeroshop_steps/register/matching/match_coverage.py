@@ -13,7 +13,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.register.scene.database import delete_pair, read_matches, read_places
-from zeroshop_steps.register.scene.picture_cells import find_cells
+from zeroshop_steps.register.scene.image_set import find_cells
 
 # Set on frames of a chewing gum bottle with two equal labels.
 LEAST_CELLS = 12  # of 64, with a match, in both pictures

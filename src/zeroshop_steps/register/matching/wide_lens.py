@@ -159,12 +159,6 @@ def _find_usable(lenses: list[WideLens | None], first: np.ndarray, second: np.nd
     return usable
 
 
-def has_wide_lens(database: Path) -> bool:
-    """Whether `set_lenses` gave a lens of a database another model."""
-    with pycolmap.Database.open(database) as opened:
-        return any(camera.model.name.endswith("FISHEYE") for camera in opened.read_all_cameras())
-
-
 def _find_costs(errors: list[np.ndarray]) -> list[float]:
     """The negative logarithm of the likelihood of each of several (M,) errors: a Gaussian with outliers, of one width for all."""
     sigma = max(LEAST_SIGMA, min(float(np.median(one)) for one in errors) / 0.6745)

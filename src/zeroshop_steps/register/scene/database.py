@@ -39,6 +39,12 @@ def read_matches(opened: pycolmap.Database, verified: bool = True) -> list[tuple
     return [(pycolmap.pair_id_to_image_pair(pair_id), one) for pair_id, one in zip(ids, matches, strict=True)]
 
 
+def has_wide_lens(database: Path) -> bool:
+    """Whether a lens of a database is a fisheye, as `wide_lens.set_lenses` makes those that the matches show to be wide."""
+    with pycolmap.Database.open(database) as opened:
+        return any(camera.model.name.endswith("FISHEYE") for camera in opened.read_all_cameras())
+
+
 def delete_pair(opened: pycolmap.Database, first: int, second: int) -> None:
     """Delete all matches, and what was verified of them, of two images by their ids."""
     opened.delete_matches(first, second)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import maximum_flow
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from zeroshop_steps.register.scene.database import read_matches, read_places
 
@@ -50,7 +50,8 @@ class EpipolarSupport:
         for sink in range(1, count):  # the smallest cut separates image 0 from at least one other image
             flow = maximum_flow(graph, 0, sink)
             if flow.flow_value < best:
-                best, group = int(flow.flow_value), _find_reachable(self.supporting - flow.flow.toarray(), 0)
+                best, group = int(flow.flow_value), np.zeros(count, bool)
+                group[breadth_first_order(csr_matrix(self.supporting - flow.flow.toarray() > 0), 0, return_predecessors=False)] = True
         if group.sum() > count / 2:
             group = ~group
         return best, tuple(name for name, inside in zip(self.names, group, strict=True) if inside)
@@ -101,14 +102,3 @@ def find_explained(first: np.ndarray, second: np.ndarray, second_from_first: np.
     depth_a = (normal * np.cross(translation, b)).sum(1)
     depth_b = (normal * np.cross(translation, turned)).sum(1)
     return (distance <= max_error**2) & (depth_a > 0) & (depth_b > 0)
-
-
-def _find_reachable(residual: np.ndarray, start: int) -> np.ndarray:
-    """(N,) bool: nodes that can be reached over positive entries."""
-    seen = np.zeros(len(residual), bool)
-    seen[start] = True
-    while True:
-        grown = seen | (residual[seen] > 0).any(0)
-        if (grown == seen).all():
-            return seen
-        seen = grown

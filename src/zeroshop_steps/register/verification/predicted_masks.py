@@ -85,14 +85,7 @@ def mask_images(image_set: ImageSet, found: list[np.ndarray], network: SalientOb
         raise RegistrationFailed(
             f"{network.name} sees something that stands out in {len(chosen)} of {len(found)} photos only", {"registered": 0}
         )
-    return replace(
-        image_set,
-        images=tuple(image_set.images[index] for index in chosen),
-        masks=tuple(masks),
-        masks_found=True,
-        sizes_px=tuple(image_set.sizes_px[index] for index in chosen),
-        sources=tuple(image_set.sources[index] for index in chosen) if image_set.sources else (),
-    )
+    return replace(image_set.take(chosen), masks=tuple(masks), masks_found=True)
 
 
 def is_sparse(record: dict[str, Any]) -> bool:

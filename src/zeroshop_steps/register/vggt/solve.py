@@ -20,10 +20,8 @@ from zeroshop_steps.register.registration import read_options, write_registratio
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.scene.record import (
     Evidence,
-    Fault,
     Record,
     RegistrationFailed,
-    Stopwatch,
     describe_lenses,
     describe_model,
 )
@@ -31,8 +29,7 @@ from zeroshop_steps.register.scene.undistortion import undistort
 from zeroshop_steps.register.verification.consistency import check_consistency
 from zeroshop_steps.register.verification.verdict import verify
 from zeroshop_steps.register.vggt.bundle import adjust_cameras, drop_weak_images, write_database
-from zeroshop_steps.register.vggt.dense_points import decode_cameras, find_confirmed_points
-from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward
+from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward, decode_cameras, find_confirmed_points
 from zeroshop_steps.register.vggt.frames import Frames, find_usable_pixels, fit_size, read_frames
 from zeroshop_steps.register.vggt.memory import load_network, predict_peak_bytes
 from zeroshop_steps.register.vggt.network import VggtNetwork, VggtOutput, read_settings, resolve_published
@@ -100,14 +97,14 @@ def register(
     Raises:
         RegistrationFailed: no cameras, too few, or cameras that the images contradict.
     """
-    stopwatch, count = Stopwatch(), len(image_set.images)
+    count = len(image_set.images)
     structure = options.structure
     needed = max(structure.min_images, math.ceil(structure.min_share * count))
-    record = Record.begin("vggt", image_set, options, stopwatch, torch, pycolmap, **known)
+    record = Record.begin("vggt", image_set, options, torch, pycolmap, **known)
     frames = read_frames(image_set, image_px, patch_px, structure.object_only)
     usable = find_usable_pixels(frames, image_set, structure.object_only)
     predicted = network.predict(frames.pixels)
-    stopwatch.lap("predict")
+    record.stopwatch.lap("predict")
     try:
         cameras = decode_cameras(predicted.encodings, frames)
     except RegistrationFailed as failure:
@@ -117,7 +114,7 @@ def register(
             solution = _solve_by_tracks(cameras, frames, usable, predicted, image_set, scratch / "database.db", options, network)
         else:
             solution = _solve_feed_forward(cameras, frames, usable, predicted, image_set, options)
-    stopwatch.lap("solve")
+    record.stopwatch.lap("solve")
     record = record.add(**solution.entries)
     registered = solution.model.num_reg_images()
     if registered < needed:
@@ -127,7 +124,7 @@ def register(
         )
     pinhole_model = undistort(solution.model, image_set, out)
     record = record.add(**describe_lenses(solution.model), **describe_model(pinhole_model))
-    stopwatch.stop()
+    record.stopwatch.stop()
     return dict(verify(record, [lambda: solution.evidence], pinhole_model, structure.limits.max_wrong_probability).entries)
 
 
@@ -174,5 +171,4 @@ def _solve_feed_forward(
     """Take the cameras as they are, with the points on which the depth of several views agrees."""
     points = find_confirmed_points(cameras, frames, predicted.depth, usable & (predicted.confidence >= options.min_confidence))
     model = build_feed_forward_model(cameras, points)
-    reason, consistency = check_feed_forward(cameras, points, image_set, options.unrefined_px, options.min_agreement, REMEDY)
-    return Solution(model, Evidence({"consistency": consistency}, fault=Fault(reason) if reason else None), {})
+    return Solution(model, check_feed_forward(cameras, points, image_set, options.unrefined_px, options.min_agreement, REMEDY), {})
