@@ -22,7 +22,7 @@ from scipy.special import expit, xlogy
 from verdict_samples import sample
 
 from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
-from zeroshop_steps.register.verification.verdict import MEASURES, MOST_DOUBT, MOST_STRENGTH, WEIGHTS
+from zeroshop_steps.register.verification.verdict import MAX_WRONG_PROBABILITY, MEASURES, MOST_STRENGTH, WEIGHTS
 
 MOST_MEAN, MOST_WORST = 0.01, 0.05  # errors of right cameras, of the object's diameter
 POWERS = (1.0, 2.0, 3.0, 4.0)
@@ -129,7 +129,7 @@ def leave_out_objects(values: np.ndarray, wrong: np.ndarray, objects: np.ndarray
 
 def describe(probability: np.ndarray, wrong: np.ndarray) -> str:
     """What is accepted and refused, and the area below the ROC curve."""
-    refused = probability >= MOST_DOUBT
+    refused = probability >= MAX_WRONG_PROBABILITY
     ranks = (probability[wrong][:, None] > probability[~wrong]) + 0.5 * (probability[wrong][:, None] == probability[~wrong])
     return (
         f"{(wrong & ~refused).sum()} of {wrong.sum()} wrong ones accepted, {(~wrong & refused).sum()} of {(~wrong).sum()} right ones"

@@ -77,7 +77,7 @@ def sample(capture: Path, network: SalientObjectNetwork, scratch: Path) -> Itera
             if not hypothesis.report.is_doubtful:
                 check = partial(check_consistency, image_set=image_set, database=database, limits=structure.limits, doubt_masks=False)
                 improver = Improver(image_set, check, hypothesis.registered)
-                hypothesis, _ = improve(improver, hypothesis, structure.object_only, Record(), Stopwatch())
+                hypothesis, _ = improve(improver, hypothesis, structure.object_only, Record())
             if hypothesis.registered < FEWEST:
                 continue
             pinhole_model = undistort(hypothesis.model, image_set, folder / "out")

@@ -13,7 +13,7 @@ from zeroshop_steps.geometry.cameras.pinhole import Camera, read_sparse_model
 from zeroshop_steps.geometry.imaging.images import list_images, read_depth_mm
 from zeroshop_steps.networks.vggt.model import Vggt
 from zeroshop_steps.networks.vggt.settings import VggtSettings
-from zeroshop_steps.register.vggt.dense_points import unproject
+from zeroshop_steps.register.vggt.feed_forward import unproject
 from zeroshop_steps.register.vggt.frames import Frames
 from zeroshop_steps.register.vggt.network import VggtOutput
 from zeroshop_steps.runtime.files import write_json

@@ -17,7 +17,7 @@ from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.register import aliked, colmap
 from zeroshop_steps.register.features.static_marks import StaticMark
 from zeroshop_steps.register.matching.turntable import StationaryMatches
-from zeroshop_steps.register.matching.verified_matches import make_verification_options, write_pairs
+from zeroshop_steps.register.matching.verified_matches import verify_pairs
 from zeroshop_steps.register.matching.view_graph import ViewGraph
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.scene.lenses import import_images
@@ -150,4 +150,4 @@ def copy_matches(stored: Path, database: Path, images: ImageSet, seed: int) -> N
                 if source.exists_matches(numbers[one][0], numbers[other][0]):
                     target.write_matches(numbers[one][1], numbers[other][1], source.read_matches(numbers[one][0], numbers[other][0]))
                     pairs.append((one, other))
-    pycolmap.verify_matches(database, write_pairs(database, pairs), make_verification_options(seed))
+    verify_pairs(database, pairs, seed)

@@ -57,6 +57,14 @@ def test_config_keys_become_options(make_plan):
     assert plan.options({}) == ""
 
 
+def test_methods_that_estimate_cameras_are_told_how_likely_wrong_these_may_be(make_plan):
+    plan = make_plan(register={"max_wrong_probability": 0.2, "truth": {"seeds": 1}})
+    assert {plan.verdict_option(place(registration=name)) for name in ("colmap", "given", "auto", "vggt_1024", "da3", "mast3r")} == {
+        "--max-wrong-probability 0.2"
+    }
+    assert plan.verdict_option(place(registration="truth")) == "", "true cameras have no verdict"
+
+
 def test_an_unknown_name_lists_what_exists(make_plan):
     plan = make_plan({"cup": {}})
     assert plan.check_object(place()) == "cup"

@@ -137,7 +137,7 @@ def test_where_too_few_images_match_finer_features_are_tried(tmp_path, monkeypat
     image_set = ImageSet(tuple(tmp_path / f"{number}.png" for number in range(40)), None, ((1280, 720),) * 40)
     tried = []
 
-    def reconstruct(images, out, database, options, record, stopwatch, match):
+    def reconstruct(images, out, database, options, record, match):
         database.touch()
         tried.append(options.sift)
         record = record.add(first_octave=0)
@@ -154,7 +154,7 @@ def test_where_too_few_images_match_finer_features_are_tried(tmp_path, monkeypat
 def test_where_the_features_are_the_finest_nothing_is_said_to_be_tried(tmp_path, monkeypatch, capsys):
     image_set = ImageSet(tuple(tmp_path / f"{number}.png" for number in range(20)), None, ((1280, 720),) * 20)
 
-    def refuse(images, out, database, options, record, stopwatch, match):
+    def refuse(images, out, database, options, record, match):
         raise record.add(first_octave=-1).fail("9 of 20 images registered", kind=TooFewRegistered)
 
     monkeypatch.setattr(colmap, "match_and_reconstruct", refuse)

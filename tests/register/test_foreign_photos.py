@@ -13,7 +13,7 @@ from zeroshop_steps.geometry.imaging.images import list_images, read_image, writ
 from zeroshop_steps.register.matching.view_graph import find_components
 from zeroshop_steps.register.pipeline import StructureOptions, reconstruct
 from zeroshop_steps.register.scene.image_set import ImageSet
-from zeroshop_steps.register.scene.record import Record, RegistrationFailed, Stopwatch
+from zeroshop_steps.register.scene.record import Record, RegistrationFailed
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
 
@@ -51,7 +51,7 @@ def test_photos_of_two_scenes_are_refused_by_group(tmp_path):
     image_set = write_pairs(tmp_path, groups)
     options = StructureOptions(leave_out=True, min_images=11)
     with pytest.raises(RegistrationFailed, match=r"10 photos \(IMG_b0.jpg to IMG_b9.jpg\), 9 photos \(IMG_a0.jpg to IMG_a8.jpg\)"):
-        reconstruct(tmp_path / "database.db", image_set, tmp_path / "out", options, Record(), Stopwatch())
+        reconstruct(tmp_path / "database.db", image_set, tmp_path / "out", options, Record())
 
 
 @pytest.mark.slow

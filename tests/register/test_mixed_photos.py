@@ -17,7 +17,7 @@ from zeroshop_steps.register.scene.lenses import group_by_lens, import_images, r
 from zeroshop_steps.register.scene.record import find_missing
 from zeroshop_steps.register.verification.consistency import ConsistencyLimits, find_contradictions
 from zeroshop_steps.register.verification.epipolar_support import EpipolarSupport
-from zeroshop_steps.register.verification.verdict import MOST_DOUBT, judge
+from zeroshop_steps.register.verification.verdict import MAX_WRONG_PROBABILITY, judge
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
@@ -104,9 +104,14 @@ def test_errors_are_judged_by_the_size_of_the_image():
     evidence = EpipolarSupport(names, full, np.zeros((3, 3), int))
     errors_px = {"large": 0.4, "other": 0.4, "small": 0.3}
     scales = {"large": 1.0, "other": 1.0, "small": 0.2}
-    assert judge(find_contradictions(None, evidence, errors_px, ConsistencyLimits(), dict.fromkeys(names, 1.0), {})).wrong < MOST_DOUBT
+    assert (
+        judge(find_contradictions(None, evidence, errors_px, ConsistencyLimits(), dict.fromkeys(names, 1.0), {})).wrong
+        < MAX_WRONG_PROBABILITY
+    )
     verdict = judge(find_contradictions(None, evidence, errors_px, ConsistencyLimits(), scales, {}))
-    assert verdict.wrong > MOST_DOUBT and verdict.findings[0].images == ("small",) and "small fits with 0.30 px" in verdict.reason
+    assert (
+        verdict.wrong > MAX_WRONG_PROBABILITY and verdict.findings[0].images == ("small",) and "small fits with 0.30 px" in verdict.reason
+    )
 
 
 @pytest.mark.slow

@@ -83,8 +83,9 @@ def test_networks_of_all_images_see_the_turned_object_alone(turned, method, scen
             raise Seen
 
     object_only = scene in OBJECT_ONLY
-    alone = Da3Options(colmap=ColmapOptions(structure=StructureOptions(object_only=object_only)))
-    options, module = {"vggt": (VggtOptions(object_only=object_only), vggt_solve), "da3": (alone, da3_solve)}[method]
+    structure = StructureOptions(object_only=object_only)
+    vggt, da3 = VggtOptions(structure=structure), Da3Options(colmap=ColmapOptions(structure=structure))
+    options, module = {"vggt": (vggt, vggt_solve), "da3": (da3, da3_solve)}[method]
     with pytest.raises(Seen):
         module.register(read_image_set(capture), tmp_path, options, Network(), 140, 14, {})
 

@@ -21,7 +21,7 @@ from zeroshop_steps.networks.weights import look_up_weights
 from zeroshop_steps.register.scene.image_set import read_image_set
 from zeroshop_steps.register.scene.record import RegistrationFailed
 from zeroshop_steps.register.vggt import memory
-from zeroshop_steps.register.vggt.dense_points import decode_cameras
+from zeroshop_steps.register.vggt.feed_forward import decode_cameras
 from zeroshop_steps.register.vggt.frames import fit_size, read_frames
 from zeroshop_steps.register.vggt.memory import CHUNKS, check_fits, load_network, predict_peak_bytes
 from zeroshop_steps.register.vggt.network import VggtNetwork, memory_errors

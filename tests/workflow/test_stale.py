@@ -66,6 +66,7 @@ def test_nothing_is_stale_at_first(finished):
         ("capture={image_width_px: 640}", rerun("register", "chosen", "cell", capture_virtual=2)),
         ("capture={views_per_ring: 12}", rerun("register", "chosen", "cell", capture_virtual=2)),
         ("register={colmap: {max_features: 900}, auto: {max_features: 900}}", rerun("register", "chosen", "photo")),
+        ("register={max_wrong_probability: 0.3}", rerun("register", "chosen", "photo")),
         ("nvs={2dgs: {train: {iterations: 900}}}", rerun("train_2dgs", "chosen", "cell", "photo")),
         ("nvs={2dgs: {fuse: {voxels: 99}}}", rerun("fuse_2dgs", "chosen", "cell", "photo")),
         ("finish={clean: {smooth: 2}}", rerun("shape", "chosen", "cell", "photo")),

@@ -16,7 +16,7 @@ from zeroshop_steps.geometry.cameras.object_crops import ObjectSphere, fit_objec
 from zeroshop_steps.geometry.cameras.pinhole import Camera, align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.cameras.registered_views import read_deviations, read_object_masks, read_views
 from zeroshop_steps.geometry.cameras.transforms import compute_scale, move_similarity, transform_points
-from zeroshop_steps.register.refinement.covariance import ENDS
+from zeroshop_steps.register.refinement.camera_deviation import ENDS
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import write_json
@@ -102,7 +102,7 @@ def measure_object_errors_px(pairs: list[tuple[Camera, Camera]], sphere: ObjectS
     """(N,) by how many pixels an object lies off in each view, in its middle and at its ends: as root of the mean square.
 
     The world of the true cameras is moved such that it lies off least in all views together. What is measured is what
-    `register.refinement.covariance` predicts.
+    `register.refinement.camera_deviation` predicts.
 
     Args:
         pairs: registered and true camera of each view.

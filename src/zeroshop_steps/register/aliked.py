@@ -33,13 +33,12 @@ from zeroshop_steps.register.matching.network_matches import PairMatches, write_
 from zeroshop_steps.register.matching.pair_selection import choose_alike_pairs
 from zeroshop_steps.register.matching.rotation_consistency import delete_contradicting_pairs
 from zeroshop_steps.register.pipeline import StructureOptions, add_matching_arguments, read_structure_options, reconstruct
-from zeroshop_steps.register.registration import write_registration
+from zeroshop_steps.register.registration import add_network_arguments, add_options, read_options, write_registration
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set, read_masks
-from zeroshop_steps.register.scene.record import Record, RegistrationFailed, Stopwatch, fill_apart
+from zeroshop_steps.register.scene.record import Record, RegistrationFailed, move_contents
 from zeroshop_steps.register.verification.duplicate_structure import MayMatch
 from zeroshop_steps.register.verification.pair_appearance import delete_inconsistent_pairs
 from zeroshop_steps.runtime.cache import Cached
-from zeroshop_steps.runtime.compute.kernel_devices import DEVICES
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import scratch_directory
 from zeroshop_steps.runtime.progress import track
@@ -99,25 +98,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_own_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that this method alone has."""
-    defaults = AlikedOptions()
-    parser.add_argument("--side-px", type=int, default=defaults.side_px, help="length of the network's pictures (default: %(default)s)")
-    parser.add_argument("--max-keypoints", type=int, default=defaults.max_keypoints, help="of each image (default: %(default)s)")
-    parser.add_argument("--partners", type=int, default=defaults.partners, help="images to match each with (default: %(default)s)")
-    parser.add_argument("--device", choices=DEVICES, default="auto", help="where the networks run (default: %(default)s)")
-    parser.add_argument(
-        "--weights", type=Path, default=WEIGHTS_FOLDER / FOLDER, help="folder of the networks' weights (default: %(default)s)"
-    )
+    texts = {"side_px": "length of the network's pictures", "max_keypoints": "of each image", "partners": "images to match each with"}
+    add_options(parser, AlikedOptions(), **texts)
+    add_network_arguments(parser, WEIGHTS_FOLDER / FOLDER, "folder of the networks' weights")
 
 
-def read_options(args: argparse.Namespace) -> AlikedOptions:
+def read_aliked_options(args: argparse.Namespace) -> AlikedOptions:
     """The options that the command line gives."""
-    return AlikedOptions(
-        side_px=args.side_px,
-        max_keypoints=args.max_keypoints,
-        partners=args.partners,
-        focal_px=args.focal_px,
-        structure=read_structure_options(args),
-    )
+    return read_options(AlikedOptions, args, structure=read_structure_options(args))
 
 
 def make_matcher(args: argparse.Namespace, options: AlikedOptions) -> Prepare:
@@ -143,7 +131,7 @@ def make_matcher(args: argparse.Namespace, options: AlikedOptions) -> Prepare:
 
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
-    options = read_options(args)
+    options = read_aliked_options(args)
     prepare, image_set = make_matcher(args, options), read_image_set(args.capture)
     write_registration(args.out, lambda folder: register(image_set, folder, options, prepare))
 
@@ -162,13 +150,12 @@ def register(image_set: ImageSet, out: Path, options: AlikedOptions, prepare: Ca
             f"{image_set.images[0].parent.parent} has no masks, and whole photos of plain tables gave wrong cameras by learned"
             " features, which nothing showed to be wrong; give masks, or use the registration colmap"
         )
-    stopwatch = Stopwatch()
-    record = Record.begin("aliked", image_set, options, stopwatch, pycolmap, torch)
+    record = Record.begin("aliked", image_set, options, pycolmap, torch)
     matcher = prepare(cut_crops(image_set, options.side_px))
     record = record.add(median_features=float(np.median([len(points) for points in matcher.keypoints])))
-    stopwatch.lap("extract")
+    record.stopwatch.lap("extract")
     matches = match_images(matcher, options)
-    stopwatch.lap("match")
+    record.stopwatch.lap("match")
     with scratch_directory(out, "aliked") as scratch:
         database = scratch / "database.db"
         seed = options.structure.seed
@@ -184,16 +171,16 @@ def register(image_set: ImageSet, out: Path, options: AlikedOptions, prepare: Ca
             return bool((scores >= options.sure_score).sum() >= AGAIN * options.sure_matches)
 
         try:
-            return _reconstruct(database, image_set, out, options, record, stopwatch, may_match)
+            return _reconstruct(database, image_set, out, options, record, may_match)
         except RegistrationFailed as failure:
             unlike = delete_inconsistent_pairs(database, image_set)
-            stopwatch.lap("compare")
+            record.stopwatch.lap("compare")
             if not unlike:
                 raise
             warn(f"{failure}; trying again without the {len(unlike)} pairs of images that match but do not show the same")
             try:
                 record = record.add(unlike_pairs=unlike, first_reason=str(failure))
-                return _reconstruct(database, image_set, out, options, record, stopwatch, may_match)
+                return _reconstruct(database, image_set, out, options, record, may_match)
             except RegistrationFailed:
                 raise failure from None
 
@@ -204,22 +191,17 @@ def _reconstruct(
     out: Path,
     options: AlikedOptions,
     record: Record,
-    stopwatch: Stopwatch,
     may_match: MayMatch,
 ) -> dict[str, Any]:
     """Cameras from a copy of the database, without the pairs whose rotations contradict the others."""
 
-    def fill(folder: Path) -> dict[str, Any]:
-        with scratch_directory(folder, "model") as scratch:
-            copy = Path(shutil.copy(database, scratch / database.name))
-            begun = record.add(contradicting_pairs=delete_contradicting_pairs(copy, options.structure.seed))
-            stopwatch.lap("verify")
-            done = reconstruct(
-                copy, image_set, folder, options.structure, begun, stopwatch, may_match, by_object=True, all_matches=database
-            )
-            return dict(done.entries)
-
-    return fill_apart(out, "cameras", fill)
+    with scratch_directory(out, "cameras") as folder, scratch_directory(out, "model") as scratch:
+        copy = Path(shutil.copy(database, scratch / database.name))
+        begun = record.add(contradicting_pairs=delete_contradicting_pairs(copy, options.structure.seed))
+        record.stopwatch.lap("verify")
+        done = reconstruct(copy, image_set, folder, options.structure, begun, may_match, by_object=True, all_matches=database)
+        move_contents(folder, out)
+    return dict(done.entries)
 
 
 def cut_crops(image_set: ImageSet, side_px: int) -> list[Crop]:

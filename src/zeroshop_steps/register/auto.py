@@ -41,15 +41,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
     image_set = read_image_set(args.capture)
-    learned = aliked.read_options(args)
+    learned = aliked.read_aliked_options(args)
     network = None if image_set.masks is not None or args.network is None else load_network(args)
     find_maps = functools.cache(predicted_masks.find_object_maps)
 
     def check(fill: Fill, folder: Path, before: RegistrationFailed | None) -> dict[str, Any]:
         record = fill(folder, before)
-        return (
-            predicted_masks.check_by_predicted_masks(folder, record, network) if network and predicted_masks.is_sparse(record) else record
-        )
+        if network is None or not predicted_masks.is_sparse(record):
+            return record
+        return predicted_masks.check_by_predicted_masks(folder, record, network, args.max_wrong_probability)
 
     def register_object(by: Callable[[ImageSet, Path], dict[str, Any]], folder: Path, _: RegistrationFailed | None) -> dict[str, Any]:
         if image_set.masks is not None:
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
 
     def fill(folder: Path) -> dict[str, Any]:
         with scratch_directory(folder, "colmap") as scratch:
-            scene = colmap.read_options(args)
+            scene = colmap.read_colmap_options(args)
             proposers = [
                 replace(proposer, fill=functools.partial(check, proposer.fill))
                 for proposer in colmap.make_proposers(image_set, scene, scratch)

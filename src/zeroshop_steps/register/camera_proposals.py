@@ -4,7 +4,6 @@ What a proposal is worth is the share of the images that it places, times the pr
 (verification/verdict.py).
 """
 
-import shutil
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras.pinhole import fit_similarity, read_sparse_model
 from zeroshop_steps.geometry.cameras.transforms import transform_points
-from zeroshop_steps.register.scene.record import Record, RegistrationFailed
+from zeroshop_steps.register.scene.record import Record, RegistrationFailed, move_contents
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import scratch_directory
 
@@ -106,8 +105,7 @@ def propose(out: Path, proposers: Sequence[Proposer], advice: str = "") -> dict[
                 break
         if kept is not None:
             del tried[kept.name]
-            for part in kept.folder.iterdir():
-                shutil.move(part, out / part.name)
+            move_contents(kept.folder, out)
             return kept.record | {"tried": tried}
     best = max(failures.values(), key=lambda error: error.figures.get("registered", 0))
     reason = "; ".join(f"by {name}: {error}" for name, error in failures.items()) if len(failures) > 1 else str(best)

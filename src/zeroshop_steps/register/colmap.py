@@ -25,7 +25,7 @@ from zeroshop_steps.register.matching.verified_matches import match_features
 from zeroshop_steps.register.matching.view_graph import ViewGraph
 from zeroshop_steps.register.matching.wide_lens import WIDE_LENS_REMEDY, find_wide_lenses, set_lenses
 from zeroshop_steps.register.pipeline import StructureOptions, add_matching_arguments, read_structure_options, reconstruct
-from zeroshop_steps.register.registration import write_registration
+from zeroshop_steps.register.registration import add_options, read_options, write_registration
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.scene.record import DuplicateStructure, Inconsistent, Record, RegistrationFailed, Stopwatch, TooFewRegistered
 from zeroshop_steps.register.verification.view_coverage import LEAST_SPREAD_DEG, LEAST_TURN_DEG, check_spread
@@ -72,19 +72,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_own_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that this method alone has."""
-    features = SiftOptions().max_features
-    parser.add_argument("--max-features", type=int, default=features, help="SIFT features per image (default: %(default)s)")
+    add_options(parser, SiftOptions(), max_features="SIFT features per image")
 
 
-def read_options(args: argparse.Namespace) -> ColmapOptions:
+def read_colmap_options(args: argparse.Namespace) -> ColmapOptions:
     """The options that the command line gives."""
-    features = SiftOptions(max_features=args.max_features, focal_px=args.focal_px, seed=args.seed, threads=args.threads)
-    return ColmapOptions(features, read_structure_options(args))
+    return ColmapOptions(read_options(SiftOptions, args), read_structure_options(args))
 
 
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
-    options, image_set = read_options(args), read_image_set(args.capture)
+    options, image_set = read_colmap_options(args), read_image_set(args.capture)
     write_registration(args.out, lambda folder: register(image_set, folder, options))
 
 
@@ -151,9 +149,9 @@ class _Scene:
         return self._register(out, finer)
 
     def _register(self, out: Path, sift: SiftOptions) -> dict[str, Any]:
-        options, stopwatch = replace(self.options, sift=sift), Stopwatch()
-        record = Record.begin("colmap", self.image_set, options, stopwatch, pycolmap)
-        return dict(match_and_reconstruct(self.image_set, out, self._database, options, record, stopwatch, match=self._match).entries)
+        options = replace(self.options, sift=sift)
+        record = Record.begin("colmap", self.image_set, options, pycolmap)
+        return dict(match_and_reconstruct(self.image_set, out, self._database, options, record, match=self._match).entries)
 
     def _match(self, database: Path, image_set: ImageSet, options: ColmapOptions, stopwatch: Stopwatch) -> ViewGraph:
         self.graph = (self.match or match_images)(database, image_set, options, stopwatch)
@@ -162,15 +160,13 @@ class _Scene:
     def register_by_covering_pairs(self, out: Path, failure: RegistrationFailed | None) -> dict[str, Any]:
         """From those pairs alone whose matches lie all over the pictures; the pictures of neighbours must show the same."""
         assert failure is not None and self.graph is not None
-        stopwatch, database = Stopwatch(), self.scratch / "covering/database.db"
+        database = self.scratch / "covering/database.db"
         database.parent.mkdir()
         shutil.copy(self._database, database)
         narrow = delete_pairs_of_low_coverage(database)
         structure = replace(self.options.structure, compare_pictures=True)
-        record = Record.begin("colmap", self.image_set, self.options, stopwatch, pycolmap).judge(self.graph.evidence())
-        record = reconstruct(
-            database, self.image_set, out, structure, record.add(narrow_pairs=narrow), stopwatch, all_matches=self._database
-        )
+        record = Record.begin("colmap", self.image_set, self.options, pycolmap).judge(self.graph.evidence())
+        record = reconstruct(database, self.image_set, out, structure, record.add(narrow_pairs=narrow), all_matches=self._database)
         if failure.figures.get("gap_evidence", {}).get("folded") and "gap_evidence" in record.entries:
             raise record.fail("pairs that cover the pictures leave the gap: the photos across it may be those that are left out")
         _check_spread(out, record, self.graph)
@@ -188,7 +184,6 @@ def match_and_reconstruct(
     database: Path,
     options: ColmapOptions,
     record: Record,
-    stopwatch: Stopwatch,
     start: Start | None = None,
     match: Match | None = None,
 ) -> Record:
@@ -198,11 +193,10 @@ def match_and_reconstruct(
         image_set, out, options, match: as for `register`.
         database: to write.
         record: that was begun; it is completed.
-        stopwatch: of the record.
         start: gives a model of the matches to begin with.
     """
     structure = options.structure
-    graph = (match or match_images)(database, image_set, options, stopwatch)
+    graph = (match or match_images)(database, image_set, options, record.stopwatch)
     record, first = record.judge(graph.evidence()), None
     if start:
         try:
@@ -211,7 +205,7 @@ def match_and_reconstruct(
             raise failure.after(record) from None
         record = record.add(**found)
     try:
-        done = reconstruct(database, image_set, out, structure, record, stopwatch, graph.may_match(), structure.object_only, first)
+        done = reconstruct(database, image_set, out, structure, record, graph.may_match(), structure.object_only, first)
         _check_spread(out, done, graph)
         return done
     except RegistrationFailed as failure:

@@ -7,7 +7,7 @@ whose tracks have five images count. The network's weights have a licence of the
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 import pycolmap
 import torch
 
-from zeroshop_steps.networks.devices import DEVICES, choose_device
+from zeroshop_steps.networks.devices import choose_device
 from zeroshop_steps.networks.mast3r.framing import LONG_SIDE_PX, Framing
 from zeroshop_steps.networks.mast3r.inference import NAME, Mast3rPredictor, PairPredictor
 from zeroshop_steps.networks.mast3r.matching import Matches, match_pair
@@ -24,9 +24,9 @@ from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, resolve_weights
 from zeroshop_steps.register.matching.network_matches import PairMatches, write_matches
 from zeroshop_steps.register.matching.pair_selection import choose_pairs
 from zeroshop_steps.register.pipeline import StructureOptions, add_matching_arguments, read_structure_options, reconstruct
-from zeroshop_steps.register.registration import write_registration
+from zeroshop_steps.register.registration import add_network_arguments, add_options, read_options, write_registration
 from zeroshop_steps.register.scene.image_set import ImageSet, mask_files, read_image_set, read_masks
-from zeroshop_steps.register.scene.record import OBJECT_ONLY, Record, Stopwatch
+from zeroshop_steps.register.scene.record import OBJECT_ONLY, Record
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import scratch_directory
 from zeroshop_steps.runtime.progress import track
@@ -74,33 +74,20 @@ METHOD = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     add_matching_arguments(parser)
-    defaults = Mast3rOptions()
-    parser.add_argument(
-        "--anchors", type=int, default=defaults.anchors, help="up to so many images all pairs are matched (default: %(default)s; se: 30)"
-    )
-    parser.add_argument("--min-confidence", type=float, default=defaults.min_confidence, help="of a match (default: %(default)s; se: 0.01)")
-    parser.add_argument("--min-track", type=int, default=defaults.min_track, help="images of a track (default: %(default)s)")
-    parser.add_argument(
-        "--long-side-px",
-        type=int,
-        default=LONG_SIDE_PX,
-        help="length of the network's pictures along the longer side (default: %(default)s)",
-    )
-    parser.add_argument("--device", choices=DEVICES, default="auto", help="where the network runs (default: %(default)s)")
-    parser.add_argument("--weights", type=Path, default=WEIGHTS_FOLDER / NAME, help="the network's weights (default: %(default)s)")
+    anchors, confidence = "up to so many images all pairs are matched; of se, 30", "of a match; of se, 0.01"
+    add_options(parser, Mast3rOptions(), anchors=anchors, min_confidence=confidence, min_track="images of a track")
+    side_help = "length of the network's pictures along the longer side (default: %(default)s)"
+    parser.add_argument("--long-side-px", type=int, default=LONG_SIDE_PX, help=side_help)
+    add_network_arguments(parser, WEIGHTS_FOLDER / NAME)
 
 
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
     bare = args.scene in OBJECT_ONLY
-    options = Mast3rOptions(
-        object_only=bare,
-        anchors=max(args.anchors, ANCHORS_WITHOUT_SURFACE) if bare else args.anchors,
-        min_confidence=min(args.min_confidence, CONFIDENCE_WITHOUT_SURFACE) if bare else args.min_confidence,
-        min_track=args.min_track,
-        focal_px=args.focal_px,
-        structure=read_structure_options(args),
-    )
+    options = read_options(Mast3rOptions, args, object_only=bare, structure=read_structure_options(args))
+    if bare:
+        anchors, confidence = max(args.anchors, ANCHORS_WITHOUT_SURFACE), min(args.min_confidence, CONFIDENCE_WITHOUT_SURFACE)
+        options = replace(options, anchors=anchors, min_confidence=confidence)
     device = torch.device(choose_device(args.device))
     weights = resolve_weights(args.weights, NAME, SIZES)
     image_set = read_image_set(args.capture)
@@ -121,24 +108,23 @@ def register(image_set: ImageSet, out: Path, options: Mast3rOptions, predictor: 
         RegistrationFailed: nothing matches, too few images, or an inconsistent model.
         StepError: the network cannot run.
     """
-    stopwatch = Stopwatch()
-    record = Record.begin("mast3r", image_set, options, stopwatch, pycolmap, torch)
+    record = Record.begin("mast3r", image_set, options, pycolmap, torch)
     prepared = predictor()
-    stopwatch.lap("encode")
+    record.stopwatch.lap("encode")
     keypoints, matches = match_images(prepared, image_set, options)
-    stopwatch.lap("match")
+    record.stopwatch.lap("match")
     with scratch_directory(out, "mast3r") as scratch:
         database = scratch / "database.db"
         structure = options.structure
         kept = write_matches(database, image_set, keypoints, matches, options.min_track, structure.seed, options.focal_px)
         record = record.add(**kept)
-        stopwatch.lap("verify")
+        record.stopwatch.lap("verify")
         if not kept["matches"]:
             raise record.fail(
                 f"the network finds no matches between the images, or none that {options.min_track} of them share; take more pictures"
                 " with more overlap"
             )
-        return dict(reconstruct(database, image_set, out, structure, record, stopwatch).entries)
+        return dict(reconstruct(database, image_set, out, structure, record).entries)
 
 
 def match_images(predictor: PairPredictor, image_set: ImageSet, options: Mast3rOptions) -> tuple[list[np.ndarray], PairMatches]:

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -13,13 +14,12 @@ from zeroshop_steps.register.final_refinement import Hypothesis, Improver
 from zeroshop_steps.register.mapping.mapper import make_mapping_options, map_incrementally, map_submodels
 from zeroshop_steps.register.mapping.reregistration import refine_robustly, register_again, remove_images, repair
 from zeroshop_steps.register.matching.view_graph import describe_components, find_components
-from zeroshop_steps.register.registration import add_common_arguments, add_estimation_arguments
+from zeroshop_steps.register.registration import add_common_arguments, add_estimation_arguments, read_options
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.record import (
     OBJECT_ONLY,
     PHOTO_SCENES,
     Record,
-    Stopwatch,
     TooFewRegistered,
     describe_lenses,
     describe_model,
@@ -27,7 +27,7 @@ from zeroshop_steps.register.scene.record import (
 )
 from zeroshop_steps.register.scene.undistortion import undistort
 from zeroshop_steps.register.submodels.merge import LEAST_IMAGES, merge_submodels
-from zeroshop_steps.register.verification.consistency import ConsistencyLimits, check_consistency, find_unsure
+from zeroshop_steps.register.verification.consistency import ConsistencyLimits, ConsistencyReport, check_consistency, find_unsure
 from zeroshop_steps.register.verification.duplicate_structure import MayMatch
 from zeroshop_steps.register.verification.verdict import verify
 
@@ -75,20 +75,14 @@ class StructureOptions:
 def add_matching_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that all methods share that match features."""
     add_common_arguments(parser)
-    defaults = StructureOptions()
-    add_estimation_arguments(parser, defaults.min_share, defaults.min_images, defaults.seed)
+    add_estimation_arguments(parser, StructureOptions())
     parser.add_argument("--focal-px", type=float, default=None, help="focal length if known; else EXIF or an estimate")
 
 
 def read_structure_options(args: argparse.Namespace) -> StructureOptions:
     """The options that the command line gives."""
-    return StructureOptions(
-        min_share=args.min_share,
-        min_images=args.min_images,
-        seed=args.seed,
-        object_only=args.scene in OBJECT_ONLY,
-        leave_out=args.scene in PHOTO_SCENES,
-    )
+    whose = {"object_only": args.scene in OBJECT_ONLY, "leave_out": args.scene in PHOTO_SCENES}
+    return read_options(StructureOptions, args, limits=read_options(ConsistencyLimits, args), **whose)
 
 
 def reconstruct(
@@ -97,7 +91,6 @@ def reconstruct(
     out: Path,
     options: StructureOptions,
     record: Record,
-    stopwatch: Stopwatch,
     may_match: MayMatch | None = None,
     by_object: bool = False,
     start: pycolmap.Reconstruction | None = None,
@@ -124,9 +117,8 @@ def reconstruct(
         options = replace(options, limits=replace(options.limits, wrong_masks_share=WRONG_MASKS_OF_OBJECT))
     expected, apart = count, None
     if options.leave_out and not image_set.film:  # a film shows one scene: frames without matches are not foreign, but missing
-        connected = _find_connected(database, image_set, options)
-        expected, apart = connected.expected, connected.apart
-        record = record.add(foreign=connected.foreign)
+        expected, foreign, apart = _find_connected(database, image_set, options)
+        record = record.add(foreign=foreign)
     if apart and not by_object:
         raise record.fail(apart, kind=TooFewRegistered)
     needed = max(options.min_images, math.ceil(options.min_share * expected))
@@ -134,17 +126,19 @@ def reconstruct(
     if start is None and not apart:  # images that lie apart have a model if they can be joined, and none otherwise
         mapper = make_mapping_options(min(needed, count), options.seed)
         model = map_incrementally(database, image_set.images[0].parent, scratch / "models", mapper)
-    stopwatch.lap("map")
+    record.stopwatch.lap("map")
     hypothesis = None
     if model is not None:
         hypothesis = refine_and_repair(model, image_set, database, scratch, options)
         record = record.add(placed_again=list(hypothesis.placed_again), left_out=list(hypothesis.left_out))
-        stopwatch.lap("repair")
+        record.stopwatch.lap("repair")
     if by_object and (hypothesis.registered if hypothesis else 0) < max(needed, math.ceil(options.min_share * count)):
         # Of an object alone, photos without matches are not foreign: they may show its other side.
-        whole, tried = merge_submodels(_map_submodels(database, image_set, options), image_set, scratch)
+        mapper = make_mapping_options(LEAST_IMAGES, options.seed)
+        submodels = map_submodels(database, image_set.images[0].parent, scratch / "groups", mapper)
+        whole, tried = merge_submodels(submodels, image_set, scratch)
         record = record.add(joining=tried)
-        stopwatch.lap("join")
+        record.stopwatch.lap("join")
         if whole is not None and whole.num_reg_images() >= max(needed, (hypothesis.registered if hypothesis else 0) + 1):
             # No matches hold the submodels to each other: outlines and pictures do, and were asked.
             options = replace(options, limits=replace(options.limits, cut_matches=0))
@@ -163,26 +157,26 @@ def reconstruct(
     if not hypothesis.report.is_doubtful:
         check = partial(check_consistency, image_set=image_set, database=database, limits=options.limits, doubt_masks=options.doubt_masks)
         improver = Improver(image_set, check, needed if by_object else count)
-        hypothesis, record = improve(improver, hypothesis, by_object, record, stopwatch)
+        hypothesis, record = improve(improver, hypothesis, by_object, record)
     asked = FinalChecks(out, all_matches or database, may_match, by_object, options.compare_pictures, options.seed)
-    return write_checked(hypothesis, image_set, asked, record, stopwatch)
+    return write_checked(hypothesis, image_set, asked, record)
 
 
-def improve(improver: Improver, hypothesis: Hypothesis, by_object: bool, record: Record, stopwatch: Stopwatch) -> tuple[Hypothesis, Record]:
+def improve(improver: Improver, hypothesis: Hypothesis, by_object: bool, record: Record) -> tuple[Hypothesis, Record]:
     """The model refined by pictures, and by silhouettes where points hold it loosely."""
     left_out = hypothesis.left_out
     hypothesis, found = improver.refine_keypoints(hypothesis)
     record = record.add(**found)
-    stopwatch.lap("sharpen")
+    record.stopwatch.lap("sharpen")
     held_loosely = by_object or hypothesis.model.compute_mean_observations_per_reg_image() < LOOSE_OBSERVATIONS
     if improver.image_set.masks and held_loosely:
         hypothesis, found = improver.adjust_by_silhouettes(hypothesis, bool(record.entries["sharpened"].get("points")))
         record = record.add(**found)
-        stopwatch.lap("outlines")
+        record.stopwatch.lap("outlines")
     return hypothesis, record if hypothesis.left_out == left_out else record.add(left_out=list(hypothesis.left_out))
 
 
-def write_checked(hypothesis: Hypothesis, image_set: ImageSet, asked: FinalChecks, record: Record, stopwatch: Stopwatch) -> Record:
+def write_checked(hypothesis: Hypothesis, image_set: ImageSet, asked: FinalChecks, record: Record) -> Record:
     """Write the undistorted model into the folder of the checks, and complete the record.
 
     Raises:
@@ -196,33 +190,14 @@ def write_checked(hypothesis: Hypothesis, image_set: ImageSet, asked: FinalCheck
             f"the masks of {len(report.wrong_masks)} of {len(image_set.images)} photos contradict those of the others: {shown}"
         )
     pinhole_model = undistort(model, image_set, asked.folder)
-    stopwatch.lap("undistort")
+    record.stopwatch.lap("undistort")
     record = record.add(**describe_lenses(model), **describe_model(pinhole_model))
-    stopwatch.stop()
-    return verify(record, asked.about(hypothesis, pinhole_model), pinhole_model)
+    record.stopwatch.stop()
+    return verify(record, asked.about(hypothesis, pinhole_model), pinhole_model, report.max_wrong_probability)
 
 
-def _map_submodels(database: Path, image_set: ImageSet, options: StructureOptions) -> list[pycolmap.Reconstruction]:
-    mapper = make_mapping_options(LEAST_IMAGES, options.seed)
-    return map_submodels(database, image_set.images[0].parent, database.parent / "groups", mapper)
-
-
-@dataclass(frozen=True)
-class _Connected:
-    """Images that matches tie together.
-
-    Attributes:
-        expected: how many show one scene.
-        foreign: names of the others.
-        apart: why no scene can be told, where these are too few of all.
-    """
-
-    expected: int
-    foreign: list[str]
-    apart: str | None
-
-
-def _find_connected(database: Path, image_set: ImageSet, options: StructureOptions) -> _Connected:
+def _find_connected(database: Path, image_set: ImageSet, options: StructureOptions) -> tuple[int, list[str], str | None]:
+    """How many images matches tie to one scene, the names of the others, and why no scene can be told, where these are too many."""
     groups = find_components(database)
     count, common = len(image_set.images), len(groups[0])
     apart = None
@@ -233,7 +208,7 @@ def _find_connected(database: Path, image_set: ImageSet, options: StructureOptio
             " not moved, or take more pictures in between, on a ground with plenty of print"
         )
     foreign = sorted(set(image_set.names) - set(groups[0]))
-    return _Connected(max(common, math.ceil(LEAST_COMMON_SHARE * count)), foreign, apart)
+    return max(common, math.ceil(LEAST_COMMON_SHARE * count)), foreign, apart
 
 
 def refine_and_repair(
@@ -242,23 +217,40 @@ def refine_and_repair(
     """Refine, place suspicious images again, and leave out those that the pictures contradict even then, or hold unsurely."""
     images = image_set.images[0].parent
     model, again = repair(model, database, images, scratch, options.seed)
-    report = check_consistency(model, image_set, database, options.limits, options.doubt_masks)
-    dropped: list[str] = []
+    check = partial(check_consistency, image_set=image_set, database=database, limits=options.limits, doubt_masks=options.doubt_masks)
+    place = partial(register_again, database=database, images=images, scratch=scratch, seed=options.seed)
+    found = leave_out_culprits(Hypothesis(model, check(model), tuple(again)), options, place, refine_robustly, check)
+    if not found.report.is_doubtful and image_set.masks is None and (unsure := find_unsure(found.model, found.report.evidence)):
+        model = remove_images(found.model, unsure)
+        refine_robustly(model)
+        found = replace(found, model=model, report=check(model), left_out=(*found.left_out, *unsure))
+    return found
+
+
+def leave_out_culprits(
+    found: Hypothesis,
+    options: StructureOptions,
+    place: Callable[[pycolmap.Reconstruction, list[str]], pycolmap.Reconstruction],
+    refine: Callable[[pycolmap.Reconstruction], None],
+    check: Callable[[pycolmap.Reconstruction], ConsistencyReport],
+) -> Hypothesis:
+    """The model whose images that a check blames were placed again, and left out where they are blamed even then.
+
+    Args:
+        found: the model, its report, and the images that were placed again before.
+        options: how often, and how many images must stay.
+        place: a copy of a model with some images placed anew.
+        refine: adjusts a model in place.
+        check: of a model.
+    """
     for _ in range(options.max_dropped):
-        if not report.culprits or model.num_reg_images() - len(report.culprits) < options.min_images:
+        model, names = found.model, found.report.culprits
+        if not names or found.registered - len(names) < options.min_images:
             break
-        names = list(report.culprits)
-        if set(names) <= set(again):
-            dropped += names
-            model = remove_images(model, names)
+        if set(names) <= set(found.placed_again):
+            model, left_out, again = remove_images(model, list(names)), (*found.left_out, *names), found.placed_again
         else:
-            again += names
-            model = register_again(model, names, database, images, scratch, options.seed)
-        refine_robustly(model)
-        report = check_consistency(model, image_set, database, options.limits, options.doubt_masks)
-    if not report.is_doubtful and image_set.masks is None and (unsure := find_unsure(model, report.evidence)):
-        dropped += unsure
-        model = remove_images(model, unsure)
-        refine_robustly(model)
-        report = check_consistency(model, image_set, database, options.limits, options.doubt_masks)
-    return Hypothesis(model, report, tuple(again), tuple(dropped))
+            model, left_out, again = place(model, list(names)), found.left_out, (*found.placed_again, *names)
+        refine(model)
+        found = Hypothesis(model, check(model), again, left_out)
+    return found

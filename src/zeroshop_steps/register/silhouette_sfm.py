@@ -9,6 +9,7 @@ along the visual hull do (`guided_matching`).
 
 import math
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -81,9 +82,8 @@ def register(image_set: ImageSet, out: Path, options: SilhouetteOptions) -> dict
         RegistrationFailed: outlines are cut off, do not fit together, or fit in several ways; or matches contradict the cameras.
         StepError: there are no masks.
     """
-    stopwatch = Stopwatch()
     count = len(image_set.images)
-    record = Record.begin("outlines", image_set, options, stopwatch, pycolmap)
+    record = Record.begin("outlines", image_set, options, pycolmap)
     by_name = read_masks(image_set)
     masks = [by_name[name] for name in image_set.names]
     cut = [image_set.shown[name] for name, mask in by_name.items() if _is_cut(mask)]
@@ -93,13 +93,13 @@ def register(image_set: ImageSet, out: Path, options: SilhouetteOptions) -> dict
         raise record.fail(f"outlines cannot place {count} photos: at least {options.structure.min_images} are needed")
     with scratch_directory(out, "outlines") as scratch:
         focal_px = _guess_focal_px(scratch / "lenses.db", image_set, options.sift.focal_px)
-        outlines = prepare_outlines(masks, focal_px)
+        views = _Views(image_set, by_name, prepare_outlines(masks, focal_px), focal_px)
         try:
-            cameras, found = _find_cameras(image_set, by_name, outlines, focal_px, options.structure, stopwatch)
+            cameras, found = _find_cameras(views, options.structure, record.stopwatch)
         except RegistrationFailed as failure:
             raise failure.after(record) from None
         record = record.add(outlines=dict(found.entries))
-        stopwatch.lap("elsewhere")
+        record.stopwatch.lap("elsewhere")
         whole, placed = image_set, {camera.name for camera in cameras}
         image_set = whole.take([number for number, name in enumerate(whole.names) if name in placed])
         database = scratch / "database.db"
@@ -108,33 +108,40 @@ def register(image_set: ImageSet, out: Path, options: SilhouetteOptions) -> dict
         match_features(database, options.sift)
         poses = {Path(camera.name).stem: to_rigid(camera.camera_from_world) for camera in cameras}
         model = triangulate_points(database, image_set, poses, options.sift.seed)
-        stopwatch.lap("triangulate")
+        record.stopwatch.lap("triangulate")
         joint = adjust_model_by_silhouettes(model, image_set)
-        stopwatch.lap("outlines")
+        record.stopwatch.lap("outlines")
         model, guided = adjust_by_guided_tracks(joint.model, image_set)
         record = record.add(joint_miss_px=list(joint.missed_px), guided=guided)
-        stopwatch.lap("guide")
+        record.stopwatch.lap("guide")
         evidence = count_epipolar_support(model, database)
         pinhole_model = undistort(model, image_set, out)
-        stopwatch.lap("undistort")
+        record.stopwatch.lap("undistort")
     record = record.judge(find_missing(whole, placed)).add(**describe_lenses(model), **describe_model(pinhole_model))
     supporting, contradicting = int(evidence.supporting.sum()) // 2, int(evidence.contradicting.sum()) // 2
     record = record.add(matches={"supporting": supporting, "contradicting": contradicting})
-    stopwatch.stop()
+    record.stopwatch.stop()
     if contradicting > max(FEW_MATCHES, MOST_CONTRADICTING * (supporting + contradicting)):
         reason = f"the outlines fit, but {contradicting} of {supporting + contradicting} matches of the pictures contradict the cameras"
         raise record.fail(f"{reason}; {SURFACE}", pinhole_model)
-    return dict(verify(record, [lambda: check_photometric_consistency(read_views(out)[0], wide=False)], pinhole_model).entries)
+    check = partial(check_photometric_consistency, read_views(out)[0], wide=False)
+    return dict(verify(record, [check], pinhole_model, options.structure.limits.max_wrong_probability).entries)
 
 
-def _find_cameras(
-    image_set: ImageSet,
-    masks: dict[str, np.ndarray],
-    outlines: Outlines,
-    focal_px: np.ndarray,
-    options: StructureOptions,
-    stopwatch: Stopwatch,
-) -> tuple[list[Camera], Record]:
+@dataclass(frozen=True)
+class _Views:
+    """N views to place: images, the masks of these and more by their names, outlines, and (N,) guesses of the focal lengths."""
+
+    image_set: ImageSet
+    masks: dict[str, np.ndarray]
+    outlines: Outlines
+    focal_px: np.ndarray
+
+    def take(self, numbers: np.ndarray) -> "_Views":
+        return _Views(self.image_set.take(numbers.tolist()), self.masks, take_outlines(self.outlines, numbers), self.focal_px[numbers])
+
+
+def _find_cameras(views: _Views, options: StructureOptions, stopwatch: Stopwatch) -> tuple[list[Camera], Record]:
     """The cameras that outlines place in one way, adjusted by them, and what is known of that.
 
     Raises:
@@ -143,21 +150,21 @@ def _find_cameras(
     known = Record()
     rng = np.random.default_rng(options.seed)
     best_px, adjusted_px, most_fitting = np.inf, list[tuple[float, float]](), 0
-    whole, count = image_set, len(image_set.images)
+    count = len(views.image_set.images)
     needed, most_wrong = max(options.min_images, math.ceil(options.min_share * count)), int(MOST_WRONG * count)
     for elevations_deg in ATTEMPTS:
-        ways, placed = search(outlines, rng.permutation(count).tolist(), elevations_deg, most_wrong)
-        image_set, seen, guess_px = whole.take(placed.tolist()), take_outlines(outlines, placed), focal_px[placed]
+        ways, placed = search(views.outlines, rng.permutation(count).tolist(), elevations_deg, most_wrong)
+        seen = views.take(placed)
         way, *others = [way.take(placed) for way in ways]
         if elevations_deg == ANYWHERE_DEG and way.cost < HOPELESS_PX:
-            way, *others = _replace_worst(way, others, seen)
+            way, *others = _replace_worst(way, others, seen.outlines)
         stopwatch.lap("search")
         best_px = min(best_px, way.cost)
         known = Record({"elevations_deg": elevations_deg, "search_px": round(best_px, 2)})
         if way.cost > LIKELY_PX:
             continue
-        misfits = sorted(set(whole.names) - set(image_set.names))
-        fit = adjust(make_cameras(way, seen, image_set, guess_px), np.arange(len(placed)), masks)
+        misfits = sorted(set(views.image_set.names) - set(seen.image_set.names))
+        fit = adjust(make_cameras(way, seen.outlines, seen.image_set, seen.focal_px), np.arange(len(placed)), views.masks)
         stopwatch.lap("adjust")
         adjusted_px.append((fit.miss_px, fit.worst_px))
         ambiguous, left_out = None, dict[str, float]()
@@ -166,7 +173,7 @@ def _find_cameras(
             known = known.add(miss_px=round(fit.miss_px, 3), worst_view_px=round(fit.worst_px, 3), misfits=misfits, wrong_px=dict(left_out))
             if fit.is_fine and fitting.sum() >= needed:
                 try:
-                    return _place(fit, image_set, masks, seen, guess_px, elevations_deg, [way, *others], needed, known)
+                    return _place(fit, seen, elevations_deg, [way, *others], needed, known)
                 except _SeveralWays as error:
                     if fitting.all():
                         raise _fail(str(error), Record(error.figures)) from None
@@ -174,7 +181,7 @@ def _find_cameras(
             most_fitting = max(most_fitting, int(fitting.sum()) if fit.is_fine else 0)
             if fitting.all() or len(misfits) + len(left_out) >= most_wrong:
                 break
-            fit, name, contradiction_px = fit.leave_out_worst(masks)
+            fit, name, contradiction_px = fit.leave_out_worst(views.masks)
             left_out[name] = round(contradiction_px, 3)
         if ambiguous:
             raise _fail(str(ambiguous), known)
@@ -208,43 +215,32 @@ class _SeveralWays(RegistrationFailed):
 
 
 def _place(
-    fit: SilhouetteFit,
-    image_set: ImageSet,
-    masks: dict[str, np.ndarray],
-    outlines: Outlines,
-    focal_px: np.ndarray,
-    elevations_deg: tuple[int, int],
-    ways: list[PoseHypothesis],
-    needed: int,
-    known: Record,
+    fit: SilhouetteFit, views: _Views, elevations_deg: tuple[int, int], ways: list[PoseHypothesis], needed: int, known: Record
 ) -> tuple[list[Camera], Record]:
     """The cameras whose views fit, and nowhere else, adjusted by each other. Raises _SeveralWays where these are fewer than `needed`."""
-    shown, seen, fitting = image_set.take(fit.numbers.tolist()), take_outlines(outlines, fit.numbers), fit.find_fitting()
-    stand_out_px = {name: round(float(px), 3) for name, px, fits in zip(shown.names, fit.by_view_px, fitting, strict=True) if not fits}
-    found = read_hypothesis(fit.cameras, seen, focal_px[fit.numbers])
-    known = known.add(stand_out_px=stand_out_px)
-    kept, known = _keep_placed(shown, seen, found, np.flatnonzero(fitting), elevations_deg, needed, known)
+    shown, fitting = views.take(fit.numbers), fit.find_fitting()
+    by_name = zip(shown.image_set.names, fit.by_view_px, fitting, strict=True)
+    known = known.add(stand_out_px={name: round(float(px), 3) for name, px, fits in by_name if not fits})
+    found = read_hypothesis(fit.cameras, shown.outlines, shown.focal_px)
+    kept, known = _keep_placed(shown, found, np.flatnonzero(fitting), elevations_deg, needed, known)
     way, *others = [way.take(fit.numbers[kept]) for way in ways]
-    _require_one_way(way, others, known)
-    return (fit.cameras if len(kept) == len(fit.cameras) else fit.take(kept, masks).cameras), known
+    rivals = [other for other in others if _is_rival(way, other)]
+    if rivals:
+        raise _fail(f"the outlines fit in {1 + len(rivals)} ways; {SURFACE}", known)
+    return (fit.cameras if len(kept) == len(fit.cameras) else fit.take(kept, views.masks).cameras), known
 
 
 def _keep_placed(
-    image_set: ImageSet,
-    outlines: Outlines,
-    way: PoseHypothesis,
-    kept: np.ndarray,
-    elevations_deg: tuple[int, int],
-    needed: int,
-    known: Record,
+    views: _Views, way: PoseHypothesis, kept: np.ndarray, elevations_deg: tuple[int, int], needed: int, known: Record
 ) -> tuple[np.ndarray, Record]:
     """(K,) numbers of the views that fit nowhere else, of those in `kept`. Raises _SeveralWays where fewer than `needed` are left.
 
     What held the others may go with a view that is left out, so all are asked again.
     """
-    left_out, unfit = dict[str, float](), len(image_set.names) - len(kept)
+    image_set, left_out = views.image_set, dict[str, float]()
+    unfit = len(image_set.names) - len(kept)
     while True:
-        elsewhere = find_alternatives(way.take(kept), take_outlines(outlines, kept), elevations_deg)
+        elsewhere = find_alternatives(way.take(kept), take_outlines(views.outlines, kept), elevations_deg)
         names = [image_set.names[number] for number in kept]
         known = known.add(elsewhere_px=dict(zip(names, elsewhere.round(1).tolist(), strict=True)) | left_out)
         free = elsewhere < ELSEWHERE_PX
@@ -256,13 +252,6 @@ def _keep_placed(
             told = f"{len(left_out)} of {len(image_set.names)} photos, such as {image_set.shown[next(iter(left_out))]}"
             told += ", could have been taken from elsewhere" + (f", and {unfit} do not fit the others" if unfit else "")
             raise known.fail(f"the outlines fit in several ways: {told}; {SURFACE}", kind=_SeveralWays)
-
-
-def _require_one_way(found: PoseHypothesis, others: list[PoseHypothesis], known: Record) -> None:
-    """Raise RegistrationFailed where another of the ways that were found fits as well."""
-    rivals = [other for other in others if _is_rival(found, other)]
-    if rivals:
-        raise _fail(f"the outlines fit in {1 + len(rivals)} ways; {SURFACE}", known)
 
 
 def _is_rival(found: PoseHypothesis, other: PoseHypothesis) -> bool:

@@ -13,8 +13,7 @@ from zeroshop_steps.register.matching.match_coverage import LEAST_CELLS, delete_
 from zeroshop_steps.register.matching.turntable import StationaryMatches
 from zeroshop_steps.register.matching.view_graph import ViewGraph
 from zeroshop_steps.register.pipeline import StructureOptions
-from zeroshop_steps.register.scene.image_set import read_image_set
-from zeroshop_steps.register.scene.picture_cells import CELLS
+from zeroshop_steps.register.scene.image_set import CELLS, read_image_set
 from zeroshop_steps.register.scene.record import DuplicateStructure, Inconsistent, RegistrationFailed, TooFewRegistered
 
 WIDTH, HEIGHT = 320, 240

@@ -8,14 +8,13 @@ import pytest
 
 from zeroshop_steps.register import colmap
 from zeroshop_steps.register.colmap import ColmapOptions, match_and_reconstruct
-from zeroshop_steps.register.da3.guided_matches import RoughScene
 from zeroshop_steps.register.da3.options import Da3Options
-from zeroshop_steps.register.da3.refinement import start_from_cameras
+from zeroshop_steps.register.da3.refinement import RoughScene, start_from_cameras
 from zeroshop_steps.register.matching.turntable import StationaryMatches
 from zeroshop_steps.register.matching.view_graph import ViewGraph
 from zeroshop_steps.register.matching.wide_lens import choose_distortion, find_wide_lenses, set_lenses
 from zeroshop_steps.register.scene.image_set import ImageSet
-from zeroshop_steps.register.scene.record import Record, RegistrationFailed, Stopwatch, TooFewRegistered
+from zeroshop_steps.register.scene.record import Record, RegistrationFailed, TooFewRegistered
 
 WIDTH, HEIGHT = 1000, 750
 NOISE_PX = 0.4
@@ -121,7 +120,7 @@ def test_a_refusal_names_the_wide_lens(tmp_path, monkeypatch):
     graph = ViewGraph(1000.0, 0, "estimated", 190, still, on_turntable=False, wide_lens=True)
     images = ImageSet((tmp_path / "1.png",), None, ((WIDTH, HEIGHT),))
     with pytest.raises(TooFewRegistered, match=r"2 of 20 images registered\. Besides, .* through a wide lens .* use the 1x lens"):
-        match_and_reconstruct(images, tmp_path, tmp_path / "database.db", ColmapOptions(), Record(), Stopwatch(), match=lambda *_: graph)
+        match_and_reconstruct(images, tmp_path, tmp_path / "database.db", ColmapOptions(), Record(), match=lambda *_: graph)
 
 
 def test_depth_anything_refuses_wide_lenses(tmp_path):

@@ -16,8 +16,13 @@ from zeroshop_steps.geometry.cameras.registered_views import DEVIATIONS, read_de
 from zeroshop_steps.geometry.cameras.sparse_files import write_reconstruction
 from zeroshop_steps.geometry.cameras.transforms import move_similarity, transform_camera, transform_points
 from zeroshop_steps.register.mapping.mapper import adjust_robustly
-from zeroshop_steps.register.refinement.camera_deviation import measure_deviations, write_deviations
-from zeroshop_steps.register.refinement.covariance import LOOSE, _invert_root, estimate_deviations
+from zeroshop_steps.register.refinement.camera_deviation import (
+    LOOSE,
+    _invert_root,
+    estimate_deviations,
+    measure_deviations,
+    write_deviations,
+)
 from zeroshop_steps.register.registration import write_registration
 from zeroshop_steps.register.silhouettes.bundle_adjustment import SilhouetteAdjustment
 from zeroshop_steps.register.silhouettes.model_adjustment import read_tracks

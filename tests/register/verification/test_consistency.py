@@ -12,11 +12,12 @@ from zeroshop_steps.register.scene.record import Fault, Finding, Inconsistent
 from zeroshop_steps.register.silhouettes.coherence import SilhouetteCoherence
 from zeroshop_steps.register.verification.consistency import ConsistencyLimits, ConsistencyReport, find_contradictions, find_unsure
 from zeroshop_steps.register.verification.epipolar_support import EpipolarSupport
+from zeroshop_steps.register.verification.verdict import MAX_WRONG_PROBABILITY
 
 NAMES = tuple("abcdefgh")
 
 
-def doubt(unexplained_px=0.0, contradicting=0, error_px=0.3, link=100):
+def doubt(unexplained_px=0.0, contradicting=0, error_px=0.3, link=100, most=MAX_WRONG_PROBABILITY):
     """The verdict on eight images that agree, but for what is said about image `c`."""
     count = len(NAMES)
     disagreement_px = np.zeros((count, count))
@@ -32,7 +33,7 @@ def doubt(unexplained_px=0.0, contradicting=0, error_px=0.3, link=100):
     mask_limits_px = dict.fromkeys(NAMES, limits.unexplained_px)
     evidence = EpipolarSupport(NAMES, supporting, against)
     found = find_contradictions(coherence, evidence, errors_px, limits, ones, mask_limits_px)
-    report = ConsistencyReport(coherence, evidence, errors_px, found)
+    report = ConsistencyReport(coherence, evidence, errors_px, found, max_wrong_probability=most)
     if not report.is_doubtful:
         return None, report.culprits
     assert issubclass(report.verdict.kind, Inconsistent) == (link == 100)
@@ -51,6 +52,11 @@ def test_masks_find_a_wrong_camera():
 def test_contradicting_matches_find_a_wrong_camera():
     reason, culprits = doubt(contradicting=300)
     assert "matches of c contradict it" in reason and culprits == ("c",)
+
+
+def test_a_lower_threshold_doubts_what_the_usual_one_does_not():
+    assert doubt(contradicting=100) == (None, ())
+    assert doubt(contradicting=100, most=0.03)[1] == ("c",)
 
 
 def test_a_poor_fit_finds_a_wrong_camera():

@@ -67,7 +67,7 @@ def test_sides_that_lie_on_each_other_are_refused():
 def test_a_fault_ends_the_registration_with_all_that_is_known():
     model = model_of([0, 1, 2, 3], [0, 1, 0, 1])
     with pytest.raises(DuplicateStructure, match="distinct sides were merged") as error:
-        verify(Record({"registered": 4}), [lambda: check(model), lambda: pytest.fail("asked although one check convinced")], model)
+        verify(Record({"registered": 4}), [lambda: check(model), lambda: pytest.fail("asked although one check convinced")], model, 0.5)
     assert error.value.rejected is model and {"registered": 4, "neighbours": 6}.items() <= error.value.figures.items()
 
 

@@ -20,7 +20,7 @@ from zeroshop_steps.register.verification.photometric_consistency import (
     find_inconsistent,
     find_inconsistent_wide,
 )
-from zeroshop_steps.register.verification.verdict import MOST_DOUBT, judge
+from zeroshop_steps.register.verification.verdict import MAX_WRONG_PROBABILITY, judge
 
 VIEWS = 24
 SEEN = [*range(6), *range(12, 18)]  # of them, a part of the front and of the back
@@ -81,7 +81,7 @@ def test_sides_that_look_alike_are_refused_where_no_views_are_near(views):
     assert check_photometric_consistency(folded, wide=False).entries == {"compared_neighbours": 0, "disagreeing": []}, "not near"
     verdict = judge(check_photometric_consistency(folded).findings)
     assert (
-        verdict.wrong > MOST_DOUBT
+        verdict.wrong > MAX_WRONG_PROBABILITY
         and verdict.kind is DuplicateStructure
         and "distinct sides were merged (duplicate structure)" in verdict.reason
     )

@@ -30,7 +30,7 @@ def test_thin_is_what_few_points_hold():
 def test_right_cameras_pass_and_what_the_network_saw_is_kept(tmp_path):
     masks = write_ball_scene(tmp_path)
     before = sorted(path.name for path in tmp_path.iterdir())
-    record = check_by_predicted_masks(tmp_path, {"registered": 12}, network_of([masks[0] & False, *masks[1:]]))
+    record = check_by_predicted_masks(tmp_path, {"registered": 12}, network_of([masks[0] & False, *masks[1:]]), 0.5)
     assert record["checked_by"] == "saliency.onnx" and record["outlines_miss_px"] < 3 and record["registered"] == 12
     assert sorted([*before, "saliency"]) == sorted(path.name for path in tmp_path.iterdir())
     asked = []
@@ -51,11 +51,11 @@ def test_wrong_cameras_are_refused(tmp_path):
     bent = [shifted(camera, 0.15 * np.cos(index * 2.0)) for index, camera in enumerate(ball_cameras())]
     write_cameras(tmp_path / "sparse", bent)
     with pytest.raises(RegistrationFailed, match="incorrect, or masks are: .* px or more .of 1000"):
-        check_by_predicted_masks(tmp_path, {"registered": 12}, network_of(masks))
+        check_by_predicted_masks(tmp_path, {"registered": 12}, network_of(masks), 0.5)
 
 
 def test_photos_in_which_the_network_sees_nothing_are_not_judged(tmp_path):
     write_ball_scene(tmp_path)
     empty = [np.zeros_like(ball_mask(camera)) for camera in ball_cameras()]
-    record = check_by_predicted_masks(tmp_path, {"registered": 12}, network_of(empty))
+    record = check_by_predicted_masks(tmp_path, {"registered": 12}, network_of(empty), 0.5)
     assert record["outlines_miss_px"] is None and "disagreeing" not in record

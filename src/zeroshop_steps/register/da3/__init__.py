@@ -6,13 +6,13 @@ like any registration.
 """
 
 import argparse
-from pathlib import Path
 from typing import Any
 
-from zeroshop_steps.networks.devices import DEVICES
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
+from zeroshop_steps.register.colmap import add_own_arguments
 from zeroshop_steps.register.da3.options import Da3Options
-from zeroshop_steps.register.registration import add_common_arguments, add_estimation_arguments
+from zeroshop_steps.register.registration import add_common_arguments, add_estimation_arguments, add_network_arguments
+from zeroshop_steps.register.vggt import add_precision_argument
 from zeroshop_steps.runtime.cache import Cached
 
 CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads",))
@@ -33,19 +33,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--refine", choices=("matches", "none"), default=usual.refine, help="by SIFT's matches and bundle adjustment (default: %(default)s)"
     )
-    features = usual.colmap.sift.max_features
-    parser.add_argument("--max-features", type=int, default=features, help="SIFT features per image (default: %(default)s)")
-    parser.add_argument(
-        "--precision",
-        choices=("auto", "float32", "bfloat16"),
-        default=usual.precision,
-        help="of the attention; auto is bfloat16 where a CUDA device has it (default: %(default)s)",
-    )
-    structure = usual.colmap.structure
-    add_estimation_arguments(parser, structure.min_share, structure.min_images, structure.seed)
-    parser.add_argument("--device", choices=DEVICES, default="auto", help="default: %(default)s")
-    default = WEIGHTS_FOLDER / METHOD["weights"][0]
-    parser.add_argument("--weights", type=Path, default=default, help="the network's weights (default: %(default)s)")
+    add_own_arguments(parser)
+    add_precision_argument(parser, usual.precision)
+    add_estimation_arguments(parser, usual.colmap.structure)
+    add_network_arguments(parser, WEIGHTS_FOLDER / METHOD["weights"][0])
 
 
 def run(args: argparse.Namespace) -> None:

@@ -1,32 +1,79 @@
-"""From rough cameras and SIFT's matches to a model of these matches: adjusted in rounds, triangulated, completed."""
+"""From rough cameras and SIFT's matches to a model of these matches: adjusted in rounds, triangulated, completed.
+
+The network's cameras and depth tell which matches may be right: sides that look alike match, too, but lie apart.
+"""
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.register.da3.guided_matches import NearMatches, RoughScene, find_near
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.register.da3.options import Da3Options
-from zeroshop_steps.register.mapping.mapper import make_mapping_options
+from zeroshop_steps.register.mapping.mapper import triangulate_points
 from zeroshop_steps.register.mapping.reregistration import register_again
 from zeroshop_steps.register.matching.network_matches import label_tracks
-from zeroshop_steps.register.matching.wide_lens import has_wide_lens
 from zeroshop_steps.register.pipeline import LEAST_COMMON_SHARE
+from zeroshop_steps.register.scene.database import has_wide_lens, read_matches, read_places
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.record import RegistrationFailed
 from zeroshop_steps.register.vggt.bundle import MIN_VIEWS, adjust_cameras, drop_weak_images
+from zeroshop_steps.register.vggt.feed_forward import unproject
+from zeroshop_steps.register.vggt.frames import Frames
 from zeroshop_steps.register.vggt.tracks import TrackObservations
 
 LENS = "SIMPLE_RADIAL"  # as the database has it
 LEAST_NEAR = 0.1
 """Of the matches, by the network: with cameras that are off by 3 degrees half of the right ones are near, with wrong ones hardly any."""
 MAX_TRACKS = 20_000  # for the first adjustment; triangulation takes all
+APART_SHARE = 0.08
+"""Of their distance from the cameras, by which the ends of a match may lie apart: a camera turned by 3 degrees moves its end by 5 %."""
+NearMatches = Mapping[tuple[int, int], np.ndarray]
+"""By numbers of two images in a database, the first smaller: (M,) bool of their verified matches."""
 
 
 class TooFewMatches(RegistrationFailed):
     """The matches hold too few images."""
+
+
+@dataclass(frozen=True)
+class RoughScene:
+    """What the network says of a scene.
+
+    Attributes:
+        cameras: of the full images.
+        frames: what the network saw.
+        depth: (S, height, width) along the optical axis, one value a network pixel.
+    """
+
+    cameras: list[Camera]
+    frames: Frames
+    depth: np.ndarray
+
+    def locate(self, view: int, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(N, 3) points in the world at (N, 2) image positions of a view, and (N,) their depths; not a number where there is no depth."""
+        columns, rows = np.rint(self.frames.to_network(xy)).astype(int).T
+        height, width = self.depth.shape[1:]
+        depth = self.depth[view, np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)].astype(np.float64)
+        depth = np.where(depth > 0, depth, np.nan)
+        return unproject(self.cameras[view], xy, depth), depth
+
+
+def find_near(database: Path, scene: RoughScene) -> NearMatches:
+    """Which verified matches have both ends at one place, by the network."""
+    found = {}
+    with pycolmap.Database.open(database) as opened:
+        number = {opened.read_image_with_name(camera.name).image_id: view for view, camera in enumerate(scene.cameras)}
+        located = {image_id: scene.locate(number[image_id], places) for image_id, places in read_places(opened).items()}
+        for (first, second), matches in read_matches(opened):
+            one, other = matches.T
+            apart = np.linalg.norm(located[first][0][one] - located[second][0][other], axis=1)
+            found[first, second] = apart <= APART_SHARE * (located[first][1][one] + located[second][1][other]) / 2
+    return found
 
 
 def start_from_cameras(
@@ -72,7 +119,8 @@ def start_from_cameras(
         if (held := adjusted.num_reg_images()) >= needed:
             break
     if held >= MIN_VIEWS and adjusted.num_points3D():
-        model = triangulate(adjusted, database, folder, structure.seed)
+        poses = {Path(image.name).stem: image.cam_from_world() for image in adjusted.images.values() if image.has_pose}
+        model = triangulate_points(database, image_set, poses, structure.seed, lens=adjusted.cameras[1])
         if held < count:
             model = register_again(model, [], database, folder, database.parent, structure.seed)
         held = model.num_reg_images()
@@ -94,13 +142,12 @@ def gather_tracks(database: Path, names: list[str], kept: NearMatches | None = N
     """
     with pycolmap.Database.open(database) as opened:
         number = {opened.read_image_with_name(name).image_id: index for index, name in enumerate(names)}
-        keypoints = [opened.read_keypoints(image_id)[:, :2].astype(np.float64).reshape(-1, 2) for image_id in number]
-        matches = {}
-        for pair_id, geometry in zip(*opened.read_two_view_geometries(), strict=True):
-            ends = pycolmap.pair_id_to_image_pair(pair_id)
-            inliers = geometry.inlier_matches if kept is None else geometry.inlier_matches[kept[ends]]
+        places, matches = read_places(opened), {}
+        for ends, verified in read_matches(opened):
+            inliers = verified if kept is None else verified[kept[ends]]
             if len(inliers):
                 matches[number[ends[0]], number[ends[1]]] = (inliers[:, 0], inliers[:, 1])
+    keypoints = [places[image_id] for image_id in number]
     counts = [len(points) for points in keypoints]
     track, view = label_tracks(counts, matches), np.repeat(np.arange(len(names)), counts)
     places, which, times = np.unique(track.astype(np.int64) * len(names) + view, return_inverse=True, return_counts=True)
@@ -116,22 +163,3 @@ def gather_tracks(database: Path, names: list[str], kept: NearMatches | None = N
     at = view[once], column[track[once]]
     seen[at], xy[at] = True, np.concatenate(keypoints)[once]
     return TrackObservations(xy, seen, np.zeros((len(long), 3), np.uint8))
-
-
-def triangulate(adjusted: pycolmap.Reconstruction, database: Path, images: Path, seed: int) -> pycolmap.Reconstruction:
-    """The poses and the lens of a model, with points from all matches of a database; the lens is refined with them."""
-    lens = adjusted.cameras[1]
-    poses = {image.name: image.cam_from_world() for image in adjusted.images.values() if image.has_pose}
-    model = pycolmap.Reconstruction()
-    with pycolmap.Database.open(database) as opened:
-        for camera in opened.read_all_cameras():
-            camera.params = lens.params
-            model.add_camera_with_trivial_rig(camera)
-        for image in opened.read_all_images():
-            if image.name in poses:
-                keypoints = opened.read_keypoints(image.image_id)[:, :2].astype(np.float64)
-                copy = pycolmap.Image(name=image.name, keypoints=keypoints, camera_id=image.camera_id, image_id=image.image_id)
-                model.add_image_with_trivial_frame(copy, poses[image.name])
-    found = database.parent / "triangulated"
-    found.mkdir(exist_ok=True)
-    return pycolmap.triangulate_points(model, database, images, found, options=make_mapping_options(MIN_VIEWS, seed))

@@ -12,19 +12,16 @@ import pycolmap
 import torch
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
-from zeroshop_steps.register.colmap import ColmapOptions, match_and_reconstruct
-from zeroshop_steps.register.da3.guided_matches import RoughScene
+from zeroshop_steps.register.colmap import match_and_reconstruct, read_colmap_options
 from zeroshop_steps.register.da3.network import Da3Network, find_size, predict_peak_bytes
 from zeroshop_steps.register.da3.options import Da3Options
-from zeroshop_steps.register.da3.refinement import TooFewMatches, start_from_cameras
-from zeroshop_steps.register.features.sift import SiftOptions, fit_to_count
-from zeroshop_steps.register.pipeline import read_structure_options
-from zeroshop_steps.register.registration import write_registration
+from zeroshop_steps.register.da3.refinement import RoughScene, TooFewMatches, start_from_cameras
+from zeroshop_steps.register.features.sift import fit_to_count
+from zeroshop_steps.register.registration import read_options, write_registration
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.scene.record import Evidence, Fault, Record, RegistrationFailed, Stopwatch, describe_lenses, describe_model
+from zeroshop_steps.register.scene.record import Record, RegistrationFailed, describe_lenses, describe_model
 from zeroshop_steps.register.scene.undistortion import undistort
-from zeroshop_steps.register.vggt.dense_points import decode_cameras, find_confirmed_points
-from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward
+from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward, decode_cameras, find_confirmed_points
 from zeroshop_steps.register.vggt.frames import Frames, find_usable_pixels, fit_size, read_frames
 from zeroshop_steps.register.vggt.memory import load_network
 from zeroshop_steps.register.vggt.network import VggtOutput, read_settings, resolve_published
@@ -42,8 +39,7 @@ class CameraPredictor(Protocol):
 
 def solve(args: argparse.Namespace, published: Collection[str]) -> None:
     """Write the cameras folder of the command line's arguments; checkpoints are checked that are `published`, below resources/weights."""
-    sift = SiftOptions(max_features=args.max_features, seed=args.seed, threads=args.threads)
-    options = Da3Options(refine=args.refine, precision=args.precision, colmap=ColmapOptions(sift, read_structure_options(args)))
+    options = read_options(Da3Options, args, colmap=read_colmap_options(args))
     image_set = read_image_set(args.capture)
     weights = resolve_published(args.weights, published)
     settings = read_settings(weights, find_size(weights))
@@ -78,12 +74,12 @@ def register(
     Raises:
         RegistrationFailed: no cameras, too few, or cameras that the images contradict.
     """
-    stopwatch, count = Stopwatch(), len(image_set.images)
-    record = Record.begin("da3", image_set, options, stopwatch, torch, pycolmap, **known)
+    count = len(image_set.images)
+    record = Record.begin("da3", image_set, options, torch, pycolmap, **known)
     object_only = options.colmap.structure.object_only
     frames = read_frames(image_set, image_px, patch_px, object_only, upright=True)
     predicted = network.predict(frames.pixels)
-    stopwatch.lap("predict")
+    record.stopwatch.lap("predict")
     try:
         cameras = decode_cameras(predicted.encodings, frames)
     except RegistrationFailed as failure:
@@ -94,14 +90,14 @@ def register(
         start = partial(start_from_cameras, RoughScene(cameras, frames, predicted.depth), image_set, options)
         try:
             with scratch_directory(out, "matches") as scratch:
-                return dict(match_and_reconstruct(image_set, out, scratch / "database.db", colmap, record, stopwatch, start).entries)
+                return dict(match_and_reconstruct(image_set, out, scratch / "database.db", colmap, record, start).entries)
         except TooFewMatches as few:
             lack = f"{few}; and "
             found = f"{few}: the cameras are the network's own, which are less exact"
-            record = Record(few.figures).add(refined_by="none").warn(found)
+            record = Record(few.figures, record.stopwatch).add(refined_by="none").warn(found)
     usable = find_usable_pixels(frames, image_set, object_only)
     try:
-        return dict(_take_cameras(cameras, frames, usable, predicted, image_set, out, options, record, stopwatch).entries)
+        return dict(_take_cameras(cameras, frames, usable, predicted, image_set, out, options, record).entries)
     except RegistrationFailed as failure:
         raise failure.because(f"{lack}{failure}") from None
 
@@ -115,7 +111,6 @@ def _take_cameras(
     out: Path,
     options: Da3Options,
     record: Record,
-    stopwatch: Stopwatch,
 ) -> Record:
     """Write the cameras as they are, with the points on which the surer depths of several views agree."""
     known = predicted.confidence[usable & np.isfinite(predicted.confidence)]
@@ -123,9 +118,9 @@ def _take_cameras(
     points = find_confirmed_points(cameras, frames, predicted.depth, usable & (predicted.confidence >= least))
     model = build_feed_forward_model(cameras, points)
     remedy = REMEDY if options.refine == "matches" else REFINE + REMEDY
-    reason, consistency = check_feed_forward(cameras, points, image_set, options.unrefined_px, options.min_agreement, remedy)
+    evidence = check_feed_forward(cameras, points, image_set, options.unrefined_px, options.min_agreement, remedy)
     pinhole_model = undistort(model, image_set, out)
-    record = record.add(consistency=consistency, **describe_lenses(model), **describe_model(pinhole_model))
-    stopwatch.lap("depth")
-    stopwatch.stop()
-    return record.judge(Evidence(fault=Fault(reason) if reason else None), pinhole_model)
+    record = record.add(**evidence.entries, **describe_lenses(model), **describe_model(pinhole_model))
+    record.stopwatch.lap("depth")
+    record.stopwatch.stop()
+    return record.judge(evidence, pinhole_model)

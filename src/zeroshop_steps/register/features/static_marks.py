@@ -17,8 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from zeroshop_steps.register.scene.database import replace_features
-from zeroshop_steps.register.scene.image_set import REFERENCE_PX, ImageSet
-from zeroshop_steps.register.scene.picture_cells import find_cells
+from zeroshop_steps.register.scene.image_set import REFERENCE_PX, ImageSet, find_cells
 
 PLACE_PX = 2.0  # and so many per 1000 px of larger pictures: what lies around a mark shifts its features by a pixel or two
 LEAST_COSINE = float(np.cos(0.7))  # of descriptors that look alike: the largest angle at which COLMAP matches them

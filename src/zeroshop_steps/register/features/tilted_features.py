@@ -15,7 +15,7 @@ import pycolmap
 
 from zeroshop_steps.geometry.imaging.images import read_image, write_image
 from zeroshop_steps.register.features.sift import SiftOptions, make_extraction_options
-from zeroshop_steps.register.scene.database import create_database, delete_pair, replace_features
+from zeroshop_steps.register.scene.database import create_database, delete_pair, read_matches, replace_features
 from zeroshop_steps.register.scene.image_set import ImageSet
 
 LEAST_FORESHORTENING = 0.3
@@ -36,9 +36,9 @@ def find_weak_images(database: Path, min_matches: int, min_share: float) -> list
     with pycolmap.Database.open(database) as opened:
         names = {image.image_id: image.name for image in opened.read_all_images()}
         totals = dict.fromkeys(names, 0)
-        for pair_id, geometry in zip(*opened.read_two_view_geometries(), strict=True):
-            for image_id in pycolmap.pair_id_to_image_pair(pair_id):
-                totals[image_id] += len(geometry.inlier_matches)
+        for pair, matches in read_matches(opened):
+            for image_id in pair:
+                totals[image_id] += len(matches)
     few = max(min_matches, min_share * float(np.percentile(list(totals.values()), 75)))
     return sorted(name for image_id, name in names.items() if totals[image_id] < few)
 

@@ -8,7 +8,7 @@ metres are the unit. Images without a pose are placed among the others.
 import argparse
 
 from zeroshop_steps.capture.cameras_json import FILE, read_given_cameras
-from zeroshop_steps.register.colmap import ColmapOptions, add_own_arguments, read_options
+from zeroshop_steps.register.colmap import add_own_arguments, read_colmap_options
 from zeroshop_steps.register.pipeline import add_matching_arguments
 from zeroshop_steps.register.registration import write_registration
 from zeroshop_steps.register.scene.image_set import read_image_set
@@ -34,5 +34,5 @@ def run(args: argparse.Namespace) -> None:
     if not path.is_file():
         raise StepError(f"{path} does not exist: no cameras came with this capture; use --method colmap, or import one (zeroshop import)")
     given, image_set = read_given_cameras(path), read_image_set(args.capture)
-    options: ColmapOptions = read_options(args)
+    options = read_colmap_options(args)
     write_registration(args.out, lambda folder: register(image_set, given, folder, options))

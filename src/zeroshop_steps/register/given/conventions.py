@@ -17,6 +17,7 @@ import pycolmap
 
 from zeroshop_steps.geometry.cameras.transforms import OPENCV_FROM_OPENGL, measure_turn_deg
 from zeroshop_steps.register.matching.view_graph import LEAST_TIES
+from zeroshop_steps.register.scene.database import read_matches, read_places
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 from zeroshop_steps.register.verification.epipolar_support import find_explained
 
@@ -96,26 +97,16 @@ def read_pairs(database: Path, lenses: Mapping[str, pycolmap.Camera]) -> list[Pa
     pairs = []
     with pycolmap.Database.open(database) as opened:
         images = {image.image_id: image.name for image in opened.read_all_images()}
-        rays = {
-            image_id: lenses[name].cam_from_img(opened.read_keypoints(image_id)[:, :2].astype(np.float64))
-            for image_id, name in images.items()
-            if opened.num_keypoints_for_image(image_id)
-        }
-        for pair_id, geometry in zip(*opened.read_two_view_geometries(), strict=True):
-            matches = geometry.inlier_matches
-            if len(matches) < LEAST_TIES:
-                continue
-            matches = matches[:: -(-len(matches) // MOST_MATCHES)]
-            one, other = pycolmap.pair_id_to_image_pair(pair_id)
-            pixel = float(np.mean([max(lens.width, lens.height) / lens.mean_focal_length() for lens in _both(lenses, images, one, other)]))
-            pairs.append(
-                PairMatches(images[one], images[other], rays[one][matches[:, 0]], rays[other][matches[:, 1]], pixel / REFERENCE_PX)
-            )
+        places, matched = read_places(opened), read_matches(opened)
+    rays = {name: lenses[name].cam_from_img(places[image_id]) for image_id, name in images.items()}
+    for pair, matches in matched:
+        if len(matches) < LEAST_TIES:
+            continue
+        matches = matches[:: -(-len(matches) // MOST_MATCHES)]
+        one, other = (images[image_id] for image_id in pair)
+        pixel = float(np.mean([max(lens.width, lens.height) / lens.mean_focal_length() for lens in (lenses[one], lenses[other])]))
+        pairs.append(PairMatches(one, other, rays[one][matches[:, 0]], rays[other][matches[:, 1]], pixel / REFERENCE_PX))
     return pairs
-
-
-def _both(lenses: Mapping[str, pycolmap.Camera], images: Mapping[int, str], one: int, other: int) -> list[pycolmap.Camera]:
-    return [lenses[images[one]], lenses[images[other]]]
 
 
 def measure_support(poses: Poses, pairs: Sequence[PairMatches]) -> float:

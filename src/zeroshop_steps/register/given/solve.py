@@ -1,6 +1,7 @@
 """From given cameras and pictures to checked cameras."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,8 @@ from zeroshop_steps.register.final_checks import FinalChecks
 from zeroshop_steps.register.final_refinement import Hypothesis
 from zeroshop_steps.register.given.adjustment import LEAST_POINTS, adjust, align, measure_shifts, take_poses, triangulate
 from zeroshop_steps.register.given.conventions import find_fault, read_pairs
-from zeroshop_steps.register.mapping.reregistration import register_again, remove_images
-from zeroshop_steps.register.pipeline import write_checked
+from zeroshop_steps.register.mapping.reregistration import register_again
+from zeroshop_steps.register.pipeline import leave_out_culprits, write_checked
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.record import Inconsistent, Record, Stopwatch
 from zeroshop_steps.register.verification.consistency import ConsistencyReport, check_consistency
@@ -71,13 +72,12 @@ def register(image_set: ImageSet, given: GivenCameras, out: Path, options: Colma
             f"{len(poses)} of {len(names)} images have a given pose, {LEAST_POSES} are needed; let cameras be estimated (colmap) instead"
         )
     options = replace(options, sift=fit_to_count(options.sift, len(names)))
-    stopwatch = Stopwatch()
-    record = Record.begin("given", image_set, options, stopwatch, pycolmap).warn(*given.warnings)
+    record = Record.begin("given", image_set, options, pycolmap).warn(*given.warnings)
     lenses = {name: given.images[name].lens.to_colmap() for name in names}
     _check_distance(record, given, poses, lenses)
     with scratch_directory(out, "given") as scratch:
         scene = _Scene(image_set, given, scratch / "database.db", options)
-        graph = match_images(scene.database, image_set, options, stopwatch, {Path(name).stem: lens for name, lens in lenses.items()})
+        graph = match_images(scene.database, image_set, options, record.stopwatch, {Path(name).stem: lens for name, lens in lenses.items()})
         record = record.judge(graph.evidence())
         support, fault = find_fault(poses, read_pairs(scene.database, lenses), names)
         facts = {
@@ -89,13 +89,15 @@ def register(image_set: ImageSet, given: GivenCameras, out: Path, options: Colma
         record = record.add(given=facts)
         if fault:
             raise record.fail(f"the given cameras ({given.source}) are refused: {fault}", kind=Inconsistent)
-        stopwatch.lap("understand")
+        record.stopwatch.lap("understand")
         # Keypoints are not aligned by the pictures as for `colmap`: of a bottle on print, cameras are 0.07 mm off without, 0.08 with.
-        model = _adjust_in_rounds(scene, poses, stopwatch)
-        hypothesis, record = _repair(scene, model, record)
+        model = _adjust_in_rounds(scene, poses, record.stopwatch)
+        hypothesis = Hypothesis(model, scene.check(model))
+        hypothesis = leave_out_culprits(hypothesis, options.structure, scene.place, partial(adjust, given=given), scene.check)
+        record = record.add(placed_again=list(hypothesis.placed_again), left_out=list(hypothesis.left_out))
         record = _tell_shifts(record, hypothesis.model, given, image_set)
         asked = FinalChecks(out, scene.database, graph.may_match(), False, options.structure.compare_pictures, options.structure.seed, True)
-        return dict(write_checked(hypothesis, image_set, asked, record, stopwatch).entries)
+        return dict(write_checked(hypothesis, image_set, asked, record).entries)
 
 
 def _check_distance(record: Record, given: GivenCameras, poses: dict[str, np.ndarray], lenses: dict[str, pycolmap.Camera]) -> None:
@@ -135,26 +137,6 @@ def _adjust_in_rounds(scene: _Scene, poses: dict[str, np.ndarray], stopwatch: St
         adjust(model, scene.given)
         stopwatch.lap("complete")
     return model
-
-
-def _repair(scene: _Scene, model: pycolmap.Reconstruction, record: Record) -> tuple[Hypothesis, Record]:
-    """Place images again whose poses the pictures contradict, and leave out those that they contradict even then."""
-    again: list[str] = []
-    dropped: list[str] = []
-    report = scene.check(model)
-    for _ in range(scene.options.structure.max_dropped):
-        names = list(report.culprits)
-        if not names or model.num_reg_images() - len(names) < scene.options.structure.min_images:
-            break
-        if set(names) <= set(again):
-            dropped += names
-            model = remove_images(model, names)
-        else:
-            again += names
-            model = scene.place(model, names)
-        adjust(model, scene.given)
-        report = scene.check(model)
-    return Hypothesis(model, report, tuple(again), tuple(dropped)), record.add(placed_again=again, left_out=dropped)
 
 
 def _tell_shifts(record: Record, model: pycolmap.Reconstruction, given: GivenCameras, image_set: ImageSet) -> Record:

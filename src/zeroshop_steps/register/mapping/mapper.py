@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pycolmap
 
+from zeroshop_steps.register.scene.database import has_wide_lens
 from zeroshop_steps.register.scene.image_set import ImageSet
 
 WIDE_COEFFICIENT = 100.0  # of a fisheye's polynomial whose focal length is far from that of the ideal lens
@@ -44,15 +45,9 @@ def map_submodels(
     """Reconstruct; the models of all groups of images that fit together."""
     output.mkdir(parents=True, exist_ok=True)
     pycolmap.set_random_seed(max(options.random_seed, 0))
-    _allow_coefficients(database, options)
+    if has_wide_lens(database):  # its coefficients together may exceed 1, from which on COLMAP drops an image
+        options.max_extra_param = options.mapper.max_extra_param = WIDE_COEFFICIENT
     return list(pycolmap.incremental_mapping(database, images, output, options).values())
-
-
-def _allow_coefficients(database: Path, options: pycolmap.IncrementalPipelineOptions) -> None:
-    """Let the coefficients of wide lenses be as large as they are: together they may exceed 1, from which on COLMAP drops an image."""
-    with pycolmap.Database.open(database) as opened:
-        if any(camera.model.name.endswith("FISHEYE") for camera in opened.read_all_cameras()):
-            options.max_extra_param = options.mapper.max_extra_param = WIDE_COEFFICIENT
 
 
 def make_adjustment_options(scale_px: float, iterations: int) -> pycolmap.BundleAdjustmentOptions:
@@ -86,6 +81,7 @@ def triangulate_points(
     camera_from_world: dict[str, pycolmap.Rigid3d],
     seed: int,
     change: Callable[[pycolmap.IncrementalPipelineOptions], None] | None = None,
+    lens: pycolmap.Camera | None = None,
 ) -> pycolmap.Reconstruction:
     """Sparse points from the matches of a database, with its cameras held fixed at {image stem: pose}.
 
@@ -95,10 +91,13 @@ def triangulate_points(
         camera_from_world: an image without a pose is left out.
         seed: of RANSAC.
         change: of the usual options.
+        lens: whose parameters all cameras have instead of those in the database.
     """
     model = pycolmap.Reconstruction()
     with pycolmap.Database.open(database) as opened:
         for camera in opened.read_all_cameras():
+            if lens:
+                camera.params = lens.params
             model.add_camera_with_trivial_rig(camera)
         for image in sorted(opened.read_all_images(), key=lambda image: image.name):
             pose = camera_from_world.get(Path(image.name).stem)

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.register.scene.database import delete_pair
-from zeroshop_steps.register.scene.picture_cells import find_cells
+from zeroshop_steps.register.scene.database import delete_pair, read_matches, read_places
+from zeroshop_steps.register.scene.image_set import find_cells
 
 # Set on frames of a chewing gum bottle with two equal labels.
 LEAST_CELLS = 12  # of 64, with a match, in both pictures
@@ -28,13 +28,12 @@ def delete_pairs_of_low_coverage(database: Path) -> int:
     with pycolmap.Database.open(database) as opened:
         cameras = {camera.camera_id: camera for camera in opened.read_all_cameras()}
         images = {image.image_id: cameras[image.camera_id] for image in opened.read_all_images()}
-        points = {image_id: opened.read_keypoints(image_id)[:, :2] for image_id in images}
-        cells = {image_id: find_cells(points[image_id], (camera.width, camera.height)) for image_id, camera in images.items()}
+        places = read_places(opened)
+        cells = {image_id: find_cells(places[image_id], (camera.width, camera.height)) for image_id, camera in images.items()}
         narrow = []
-        for pair_id, geometry in zip(*opened.read_two_view_geometries(), strict=True):
-            pair = pycolmap.pair_id_to_image_pair(pair_id)
-            covered = [len(np.unique(cells[image][geometry.inlier_matches[:, side]])) for side, image in enumerate(pair)]
-            if len(geometry.inlier_matches) and min(covered) < LEAST_CELLS:
+        for pair, matches in read_matches(opened):
+            covered = [len(np.unique(cells[image][matches[:, side]])) for side, image in enumerate(pair)]
+            if len(matches) and min(covered) < LEAST_CELLS:
                 narrow.append(pair)
         for first, second in narrow:
             delete_pair(opened, first, second)

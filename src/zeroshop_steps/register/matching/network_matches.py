@@ -8,7 +8,7 @@ import pycolmap
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from zeroshop_steps.register.matching.verified_matches import make_verification_options
+from zeroshop_steps.register.matching.verified_matches import verify_pairs
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.lenses import import_images, import_with_cameras
 
@@ -58,12 +58,9 @@ def write_matches(
             if both.any():
                 numbers = np.stack([number[first][one[both]], number[second][other[both]]], axis=1)
                 opened.write_matches(ids[first], ids[second], numbers.astype(np.uint32))
-                listed.append(f"{image_set.names[first]} {image_set.names[second]}\n")
+                listed.append((image_set.names[first], image_set.names[second]))
                 count += len(numbers)
-    pairs = database.with_name("pairs.txt")
-    pairs.write_text("".join(listed))
-    if listed:
-        pycolmap.verify_matches(database, pairs, make_verification_options(seed))
+    verify_pairs(database, listed, seed)
     return {"keypoints": int(sum(mask.sum() for mask in kept)), "matches": count, "matched_pairs": len(listed)}
 
 

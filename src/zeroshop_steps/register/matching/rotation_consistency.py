@@ -15,7 +15,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from zeroshop_steps.register.matching.verified_matches import make_verification_options
-from zeroshop_steps.register.scene.database import delete_pair
+from zeroshop_steps.register.scene.database import delete_pair, read_matches, read_places
 
 AGREES_DEG = 25.0
 """Of a pair's rotation with that of its images: a focal length that is guessed 15 % too short bends rotations of 100 degrees by 12."""
@@ -75,14 +75,12 @@ def _estimate_rotations(opened: pycolmap.Database, seed: int) -> dict[Pair, tupl
     """Relative rotations of all verified pairs, with the lenses as guessed, weighted by the matches that fit."""
     images = {image.image_id: image for image in opened.read_all_images()}
     cameras = {camera.camera_id: camera for camera in opened.read_all_cameras()}
-    keypoints = {image_id: opened.read_keypoints(image_id)[:, :2].astype(np.float64) for image_id in images}
-    found = {}
-    for pair_id, geometry in zip(*opened.read_two_view_geometries(), strict=True):
-        pair = pycolmap.pair_id_to_image_pair(pair_id)
-        if not len(geometry.inlier_matches):
+    places, found = read_places(opened), {}
+    for pair, matches in read_matches(opened):
+        if not len(matches):
             continue
         lenses = [cameras[images[image].camera_id] for image in pair]
-        points = [keypoints[image][geometry.inlier_matches[:, side]] for side, image in enumerate(pair)]
+        points = [places[image][matches[:, side]] for side, image in enumerate(pair)]
         turn, fitting = estimate_turn(lenses, points, seed)
         if fitting:
             found[pair] = (turn, float(fitting))

@@ -11,7 +11,8 @@ import numpy as np
 import pycolmap
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.register.matching.verified_matches import make_verification_options, write_pairs
+from zeroshop_steps.register.matching.verified_matches import verify_pairs
+from zeroshop_steps.register.scene.database import read_matches, read_places
 from zeroshop_steps.register.scene.image_set import ImageSet
 
 STATIONARY_PX = 4.0  # per 1000 px of the longer side: matches that move less stand still, and those whose moves differ by less move alike
@@ -80,10 +81,9 @@ def verify_without_stationary(database: Path, image_set: ImageSet, seed: int) ->
     kept, names = {}, []
     with pycolmap.Database.open(database) as opened:
         images = {image.image_id: image.name for image in opened.read_all_images()}
-        points = {image_id: opened.read_keypoints(image_id)[:, :2].astype(np.float64) for image_id in images}
-        sizes = dict(zip(image_set.names, image_set.sizes_px, strict=True))
-        for pair_id, matches in zip(*opened.read_all_matches(), strict=True):
-            first, second = pair = pycolmap.pair_id_to_image_pair(pair_id)
+        points, sizes = read_places(opened), dict(zip(image_set.names, image_set.sizes_px, strict=True))
+        for pair, matches in read_matches(opened, verified=False):
+            first, second = pair
             names.append((images[first], images[second]))
             if len(matches) and sizes[images[first]] == sizes[images[second]]:
                 one, other = points[first][matches[:, 0]], points[second][matches[:, 1]]
@@ -94,9 +94,8 @@ def verify_without_stationary(database: Path, image_set: ImageSet, seed: int) ->
         opened.clear_matches()
         for (first, second), matches in kept.items():
             opened.write_matches(first, second, matches)
-    options = make_verification_options(seed)
-    options.min_num_inliers = LEAST_MATCHES  # pairs from other sides matched by the background alone, and fewer fit by chance
-    pycolmap.verify_matches(database, write_pairs(database, names), options)
+    # Pairs from other sides matched by the background alone, and fewer fit by chance.
+    verify_pairs(database, names, seed, LEAST_MATCHES)
 
 
 def find_alike(first: np.ndarray, second: np.ndarray, limit_px: float) -> np.ndarray:
@@ -124,11 +123,8 @@ def _read_pairs(database: Path, image_set: ImageSet, verified: bool) -> list[tup
     sizes = dict(zip(image_set.names, image_set.sizes_px, strict=True))
     with pycolmap.Database.open(database) as opened:
         images = {image.image_id: image.name for image in opened.read_all_images()}
-        points = {image_id: opened.read_keypoints(image_id)[:, :2].astype(np.float64) for image_id in images}
-        pair_ids, matched = opened.read_two_view_geometries() if verified else opened.read_all_matches()
-        for pair_id, pair in zip(pair_ids, matched, strict=True):
-            first, second = pycolmap.pair_id_to_image_pair(pair_id)
-            matches = pair.inlier_matches if verified else pair
+        points = read_places(opened)
+        for (first, second), matches in read_matches(opened, verified):
             if len(matches) >= LEAST_MATCHES and sizes[images[first]] == sizes[images[second]]:
                 found.append(((images[first], images[second]), points[first][matches[:, 0]], points[second][matches[:, 1]]))
     return found
@@ -148,17 +144,26 @@ def _has_two_motions(first: np.ndarray, second: np.ndarray, limit_px: float, see
     if any(one is None for one in found) or found[0]["num_inliers"] < LEAST_MATCHES:
         return None
     rest = np.flatnonzero(~alike)[found[0]["inlier_mask"]]
-    foreign = _measure_misses_px(found[0]["F"], first[alike], second[alike]) < limit_px
+    foreign = measure_sampson(found[0]["F"], first[alike], second[alike]) < limit_px
     common = np.asarray(found[1]["inlier_mask"])
     return bool(max(foreign.mean(), min(common[alike].mean(), common[rest].mean())) < APART_FIT)
 
 
-def _measure_misses_px(fundamental: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(M,) Sampson distances of matches from an epipolar geometry (Hartley and Zisserman 2004, eq. 11.9)."""
-    one, other = np.column_stack([first, np.ones(len(first))]), np.column_stack([second, np.ones(len(second))])
+def measure_sampson(
+    fundamental: np.ndarray, first: np.ndarray, second: np.ndarray, slopes: tuple[np.ndarray, np.ndarray] | None = None
+) -> np.ndarray:
+    """(M,) Sampson distances of (M, 2) matches from an epipolar geometry (Hartley and Zisserman 2004, eq. 11.9).
+
+    Args:
+        slopes: of points that were moved, (M, 2, 2) of the first ones and the second ones: distances are those before.
+    """
+    one, other = (np.column_stack([points, np.ones(len(points))]) for points in (first, second))
     lines, back = one @ fundamental.T, other @ fundamental
-    steepness: np.ndarray = np.sqrt((lines[:, :2] ** 2).sum(1) + (back[:, :2] ** 2).sum(1))
-    return np.abs((other * lines).sum(1)) / np.maximum(steepness, 1e-12)
+    steepness = back[:, :2], lines[:, :2]
+    if slopes:
+        steepness = tuple(np.einsum("mji,mj->mi", slope, steep) for slope, steep in zip(slopes, steepness, strict=True))
+    length: np.ndarray = np.sqrt((steepness[1] ** 2).sum(1) + (steepness[0] ** 2).sum(1))
+    return np.abs((other * lines).sum(1)) / np.maximum(length, 1e-12)
 
 
 def _limit_px(image_set: ImageSet, names: tuple[str, str]) -> float:

@@ -46,9 +46,7 @@ def match_features(database: Path, options: SiftOptions, pairs: list[tuple[str, 
     with pycolmap.Database.open(database) as opened:
         for pair, found in zip(wanted, matches, strict=True):
             opened.write_matches(*pair, found)
-    if wanted:
-        listed = write_pairs(database, [(names[one], names[other]) for one, other in wanted])
-        pycolmap.verify_matches(database, listed, make_verification_options(options.seed))
+    verify_pairs(database, [(names[one], names[other]) for one, other in wanted], options.seed)
 
 
 def _find_largest(keypoints: np.ndarray) -> np.ndarray:
@@ -57,11 +55,14 @@ def _find_largest(keypoints: np.ndarray) -> np.ndarray:
     return np.argsort(-areas, kind="stable")[:PROBES]
 
 
-def write_pairs(database: Path, pairs: list[tuple[str, str]]) -> Path:
-    """Write names of the images of each pair beside a database, as COLMAP reads them; returns the file."""
+def verify_pairs(database: Path, pairs: list[tuple[str, str]], seed: int, least_inliers: int | None = None) -> None:
+    """Verify the matches of pairs, by the names of their images, which are written beside the database as COLMAP reads them."""
     path = Path(database).with_name("pairs.txt")
     path.write_text("".join(f"{first} {second}\n" for first, second in pairs))
-    return path
+    options = make_verification_options(seed)
+    options.min_num_inliers = least_inliers or options.min_num_inliers
+    if pairs:
+        pycolmap.verify_matches(database, path, options)
 
 
 def make_verification_options(seed: int) -> pycolmap.TwoViewGeometryOptions:

@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from zeroshop_steps.register.features.static_marks import StaticMark, describe_marks
 from zeroshop_steps.register.matching.turntable import TURNTABLE_REMEDY, StationaryMatches
+from zeroshop_steps.register.scene.database import read_matches
 from zeroshop_steps.register.scene.record import Evidence
 
 LEAST_TIES = 30
@@ -76,11 +77,7 @@ def find_components(database: Path) -> list[list[str]]:
     with pycolmap.Database.open(database) as opened:
         images = sorted(opened.read_all_images(), key=lambda image: image.name)
         row = {image.image_id: index for index, image in enumerate(images)}
-        pairs = [
-            [row[image_id] for image_id in pycolmap.pair_id_to_image_pair(pair_id)]
-            for pair_id, geometry in zip(*opened.read_two_view_geometries(), strict=True)
-            if len(geometry.inlier_matches) >= LEAST_TIES
-        ]
+        pairs = [[row[image_id] for image_id in pair] for pair, matches in read_matches(opened) if len(matches) >= LEAST_TIES]
     one, other = np.array(pairs, int).reshape(-1, 2).T
     labels = connected_components(coo_matrix((np.ones(len(one)), (one, other)), shape=(len(images),) * 2), directed=False)[1]
     groups = [[images[index].name for index in np.flatnonzero(labels == label)] for label in np.unique(labels)]

@@ -18,8 +18,9 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.register.matching.turntable import STATIONARY_PX
-from zeroshop_steps.register.matching.verified_matches import make_verification_options, write_pairs
+from zeroshop_steps.register.matching.turntable import STATIONARY_PX, measure_sampson
+from zeroshop_steps.register.matching.verified_matches import verify_pairs
+from zeroshop_steps.register.scene.database import read_matches, read_places
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 
 MODELS = (("RADIAL_FISHEYE", 1, 2), ("OPENCV_FISHEYE", 2, 4))  # with focal lengths and coefficients; the simplest first
@@ -132,16 +133,14 @@ def set_lenses(database: Path, lenses: dict[int, WideLens], seed: int) -> None:
         for lens in lenses.values():
             opened.update_camera(lens.camera)
         images = {image.image_id: image for image in opened.read_all_images()}
-        points = {image_id: opened.read_keypoints(image_id)[:, :2] for image_id in images}
-        pairs = {pycolmap.pair_id_to_image_pair(pair_id): found for pair_id, found in zip(*opened.read_all_matches(), strict=True)}
+        points, pairs = read_places(opened), read_matches(opened, verified=False)
         opened.clear_two_view_geometries()
-        for (first, second), found in pairs.items():
+        for (first, second), found in pairs:
             kept = _find_usable([lenses.get(images[image].camera_id) for image in (first, second)], points[first], points[second], found)
             if not kept.all():
                 opened.delete_matches(first, second)
                 opened.write_matches(first, second, found[kept])
-    names = [(images[first].name, images[second].name) for first, second in pairs]
-    pycolmap.verify_matches(database, write_pairs(database, names), make_verification_options(seed))
+    verify_pairs(database, [(images[first].name, images[second].name) for (first, second), _ in pairs], seed)
 
 
 def _find_usable(lenses: list[WideLens | None], first: np.ndarray, second: np.ndarray, matches: np.ndarray) -> np.ndarray:
@@ -158,12 +157,6 @@ def _find_usable(lenses: list[WideLens | None], first: np.ndarray, second: np.nd
         still_px = STATIONARY_PX / REFERENCE_PX * max(lenses[0].camera.width, lenses[0].camera.height)
         usable &= np.linalg.norm(places[0] - places[1], axis=1) > still_px
     return usable
-
-
-def has_wide_lens(database: Path) -> bool:
-    """Whether `set_lenses` gave a lens of a database another model."""
-    with pycolmap.Database.open(database) as opened:
-        return any(camera.model.name.endswith("FISHEYE") for camera in opened.read_all_cameras())
 
 
 def _find_costs(errors: list[np.ndarray]) -> list[float]:
@@ -191,7 +184,7 @@ def _measure_errors(pairs: Iterable[Pair], distortion: Distortion, focal: float 
         error = np.full(len(first), np.inf)
         fundamental = _fit_epipolar_geometry(first[known], second[known], focal, options) if known.sum() >= LEAST_MATCHES else None
         if fundamental is not None:
-            error[known] = _measure_sampson(fundamental, first[known], second[known], slope_first[known], slope_second[known])
+            error[known] = measure_sampson(fundamental, first[known], second[known], (slope_first[known], slope_second[known]))
         errors.append(error)
     return np.concatenate(errors)
 
@@ -208,17 +201,6 @@ def _fit_epipolar_geometry(
     found = pycolmap.estimate_essential_matrix(1000 * first, 1000 * second, pinhole, pinhole, options)
     shrink = np.diag([1 / focal, 1 / focal, 1.0])
     return shrink @ found["E"] @ shrink if found else None
-
-
-def _measure_sampson(
-    fundamental: np.ndarray, first: np.ndarray, second: np.ndarray, slope_first: np.ndarray, slope_second: np.ndarray
-) -> np.ndarray:
-    """(M,) Sampson distances (Hartley and Zisserman 2004, eq. 11.9) before the points were moved, by the (M, 2, 2) slopes of the moves."""
-    one, other = (np.column_stack([points, np.ones(len(points))]) for points in (first, second))
-    lines, back = one @ fundamental.T, other @ fundamental
-    steepness = np.einsum("mji,mj->mi", slope_second, lines[:, :2]), np.einsum("mji,mj->mi", slope_first, back[:, :2])
-    length = np.sqrt((steepness[0] ** 2).sum(1) + (steepness[1] ** 2).sum(1))
-    return np.abs((other * lines).sum(1)) / np.maximum(length, 1e-12)
 
 
 def _make_lens(camera: pycolmap.Camera, distortion: Distortion, pairs: list[Pair], seed: int) -> WideLens:
@@ -256,15 +238,13 @@ def _find_focal(distortion: Distortion, pairs: list[Pair], seed: int) -> float:
 def _read_pairs(opened: pycolmap.Database, cameras: dict[int, pycolmap.Camera]) -> dict[int, list[Pair]]:
     """{camera id: its pairs of images with the most matches}, of each evenly so many matches."""
     owner = {image.image_id: image.camera_id for image in opened.read_all_images()}
-    ids, matched = opened.read_all_matches()
     chosen: dict[int, list[Pair]] = {}
-    for row in sorted(range(len(ids)), key=lambda row: (-len(matched[row]), ids[row])):
-        first, second = pycolmap.pair_id_to_image_pair(ids[row])
+    for (first, second), matched in sorted(read_matches(opened, verified=False), key=lambda pair: (-len(pair[1]), pair[0])):
         pairs = chosen.setdefault(owner[first], [])
-        if owner[first] != owner[second] or len(pairs) == PAIRS or len(matched[row]) < LEAST_MATCHES:
+        if owner[first] != owner[second] or len(pairs) == PAIRS or len(matched) < LEAST_MATCHES:
             continue
         camera = cameras[owner[first]]
-        matches = matched[row][:: -(-len(matched[row]) // MATCHES)]
+        matches = matched[:: -(-len(matched) // MATCHES)]
         points = (opened.read_keypoints(image)[rows, :2] for image, rows in zip((first, second), matches.T, strict=True))
         side_px = max(camera.width, camera.height)
         one, other = ((places - np.array([camera.width, camera.height]) / 2) / side_px for places in points)

@@ -9,7 +9,7 @@ import numpy as np
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.cameras.transforms import transform_camera
-from zeroshop_steps.geometry.observation.visual_hull import find_inside_masks, voxel_centres
+from zeroshop_steps.geometry.observation.visual_hull import VisualHull
 from zeroshop_steps.register.silhouettes.coherence import bound_object
 
 NEAR_SCALE = 1.5  # neighbours' distances to the object differ by at most this factor
@@ -39,7 +39,7 @@ def make_small_views(views: Sequence[View], near_deg: float) -> tuple[dict[int, 
     to_centre[:3, 3] = -centre
     centred = [transform_camera(camera, to_centre) for camera in cameras]
     allowed = max(1, round(MISSING_SHARE * len(views)))
-    hull = find_inside_masks(voxel_centres(radius, VOXELS), centred, masks, allowed).reshape((VOXELS,) * 3)
+    hull = VisualHull.carve(centred, masks, radius, VOXELS, allowed).occupied
     needed = sorted({view for one, other, _ in pairs for view in (one, other)})
     return {view: _shrink(centred[view], masks[view], views[view].image(), hull, radius) for view in needed}, pairs, radius
 

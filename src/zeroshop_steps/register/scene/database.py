@@ -26,6 +26,25 @@ def create_database(path: Path, images: int) -> None:
     pycolmap.Database.open(path).close()
 
 
+def read_places(opened: pycolmap.Database) -> dict[int, np.ndarray]:
+    """{image id: (K, 2) float64 places of its keypoints} of all images."""
+    ids = [image.image_id for image in opened.read_all_images()]
+    return {image_id: opened.read_keypoints(image_id)[:, :2].astype(np.float64).reshape(-1, 2) for image_id in ids}
+
+
+def read_matches(opened: pycolmap.Database, verified: bool = True) -> list[tuple[tuple[int, int], np.ndarray]]:
+    """The ids of two images, the first smaller, and the (M, 2) numbers of the keypoints that match, verified or not, of all pairs."""
+    ids, found = opened.read_two_view_geometries() if verified else opened.read_all_matches()
+    matches = [one.inlier_matches for one in found] if verified else found
+    return [(pycolmap.pair_id_to_image_pair(pair_id), one) for pair_id, one in zip(ids, matches, strict=True)]
+
+
+def has_wide_lens(database: Path) -> bool:
+    """Whether a lens of a database is a fisheye, as `wide_lens.set_lenses` makes those that the matches show to be wide."""
+    with pycolmap.Database.open(database) as opened:
+        return any(camera.model.name.endswith("FISHEYE") for camera in opened.read_all_cameras())
+
+
 def delete_pair(opened: pycolmap.Database, first: int, second: int) -> None:
     """Delete all matches, and what was verified of them, of two images by their ids."""
     opened.delete_matches(first, second)

@@ -15,6 +15,7 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
 REFERENCE_PX = 1000  # the longer side of the images on which limits in pixels were set
+CELLS = 8  # along each side of a picture
 T = TypeVar("T")
 MIN_IMAGES = 3  # with two views, nothing can be checked
 
@@ -78,6 +79,12 @@ class ImageSet:
         return {name: max(size) / REFERENCE_PX for name, size in zip(self.names, self.sizes_px, strict=True)}
 
 
+def find_cells(keypoints: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
+    """(K,) numbers of the `CELLS` x `CELLS` cells of a picture of (width, height) in which (K, 2) keypoints lie: how much they cover."""
+    columns, rows = np.clip(np.floor(keypoints / size_px * CELLS).astype(int), 0, CELLS - 1).T
+    return np.asarray(rows * CELLS + columns)
+
+
 def read_image_set(capture: Path) -> ImageSet:
     """List and check `capture`/images and, where they exist, `capture`/masks and the lenses of `capture`/cameras.json.
 
@@ -139,12 +146,7 @@ def mask_files(image_set: ImageSet) -> tuple[Path, ...]:
     return image_set.masks
 
 
-def read_masks(image_set: ImageSet, names: list[str] | None = None) -> dict[str, np.ndarray]:
-    """The masks as {image name: (height, width) bool}, of all images or of `names`.
-
-    Raises:
-        StepError: there are no masks.
-    """
-    chosen = set(image_set.names if names is None else names)
+def read_masks(image_set: ImageSet) -> dict[str, np.ndarray]:
+    """The masks of all images as {image name: (height, width) bool}. Raises StepError where there are none."""
     parts = zip(image_set.names, mask_files(image_set), image_set.sizes_px, strict=True)
-    return {name: read_mask(mask, size_px) for name, mask, size_px in parts if name in chosen}
+    return {name: read_mask(mask, size_px) for name, mask, size_px in parts}

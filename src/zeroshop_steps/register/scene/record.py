@@ -7,7 +7,7 @@ why, with the figures so far, is beside the record; a model that was found and r
 
 import shutil
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import ModuleType
@@ -19,7 +19,7 @@ from zeroshop_steps.geometry.cameras.sparse_files import write_reconstruction
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure
-from zeroshop_steps.runtime.files import read_json, scratch_directory, write_json
+from zeroshop_steps.runtime.files import read_json, write_json
 
 SCENES = ("su_l", "su_h", "su_b", "se", "video", "video_segmented")
 OBJECT_ONLY = ("se", "video_segmented")
@@ -105,22 +105,41 @@ class Evidence:
     warnings: tuple[str, ...] = ()
 
 
+class Stopwatch:
+    """Seconds of the parts of a run, for its record."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._start_s = self._lap_s = time.monotonic()
+
+    def lap(self, name: str) -> None:
+        """The part `name` ends now."""
+        self.seconds[name] = round(time.monotonic() - self._lap_s, 3)
+        self._lap_s = time.monotonic()
+
+    def stop(self) -> None:
+        """All ends now."""
+        self.seconds["total"] = round(time.monotonic() - self._start_s, 3)
+
+
 @dataclass(frozen=True)
 class Record:
     """What registration.json says so far. It is not changed: what adds to it returns another one."""
 
     entries: Mapping[str, Any] = field(default_factory=dict)
+    stopwatch: Stopwatch = field(default_factory=Stopwatch)
 
     @staticmethod
-    def begin(method: str, image_set: ImageSet, parameters: Any, stopwatch: "Stopwatch", *modules: ModuleType, **known: Any) -> "Record":
+    def begin(method: str, image_set: ImageSet, parameters: Any, *modules: ModuleType, **known: Any) -> "Record":
         """What is known before anything is computed: the method, its parameters (a dataclass), versions of modules, and what else is."""
+        stopwatch = Stopwatch()
         begun = {"method": method, "images": len(image_set.images), "registered": 0, **known, "seconds": stopwatch.seconds}
         versions = {module.__name__: module.__version__ for module in modules}
-        return Record({**begun, "parameters": asdict(parameters), "versions": versions})
+        return Record({**begun, "parameters": asdict(parameters), "versions": versions}, stopwatch)
 
     def add(self, **entries: Any) -> "Record":
         """With these entries."""
-        return Record({**self.entries, **entries})
+        return Record({**self.entries, **entries}, self.stopwatch)
 
     def warn(self, *warnings: str) -> "Record":
         """With these warnings after those that are there."""
@@ -198,27 +217,7 @@ def find_missing(image_set: ImageSet, placed: Collection[str]) -> Evidence:
     return Evidence({"unregistered": missing}, warnings=(reason,))
 
 
-def fill_apart(out: Path, name: str, fill: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
-    """Let `fill` write to a scratch folder, and take what it wrote into `out` if it succeeds: an attempt that fails leaves nothing."""
-    with scratch_directory(out, name) as folder:
-        record = fill(folder)
-        for part in folder.iterdir():
-            shutil.move(part, out / part.name)
-    return record
-
-
-class Stopwatch:
-    """Seconds of the parts of a run, for its record."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._start_s = self._lap_s = time.monotonic()
-
-    def lap(self, name: str) -> None:
-        """The part `name` ends now."""
-        self.seconds[name] = round(time.monotonic() - self._lap_s, 3)
-        self._lap_s = time.monotonic()
-
-    def stop(self) -> None:
-        """All ends now."""
-        self.seconds["total"] = round(time.monotonic() - self._start_s, 3)
+def move_contents(folder: Path, out: Path) -> None:
+    """Move what an attempt wrote to where it belongs: one that fails leaves nothing there."""
+    for part in folder.iterdir():
+        shutil.move(part, out / part.name)

@@ -18,7 +18,7 @@ from zeroshop_steps.geometry.cameras.transforms import make_cross_matrices
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 from zeroshop_steps.register.silhouettes.coherence import bound_object
 from zeroshop_steps.register.silhouettes.least_squares import Noise, SilhouetteRows, TrackBlocks, find_information, solve_step
-from zeroshop_steps.register.silhouettes.rays import RimRays, look_up_many, make_outline_distance
+from zeroshop_steps.register.silhouettes.rays import RimRays, look_up_many, make_outline_distance, measure_slope
 from zeroshop_steps.register.silhouettes.state import State, TrackKind, Tracks
 
 ROUNDS, TRIALS = 20, 7  # of the adjustment, and damping factors that are tried in each
@@ -236,7 +236,7 @@ class SilhouetteAdjustment:
         for view in np.unique(other):
             distance = self.distance[view]
             if distance is not None:
-                slope[other == view] = _measure_slope(distance, pixels[other == view]) * self.unit_px[view]
+                slope[other == view] = measure_slope(distance, pixels[other == view]) * self.unit_px[view]
         by_inside = np.einsum("kr,krc->kc", slope, self._differentiate_projection(other, inside))
         by_world = np.einsum("kc,kcd->kd", by_inside, state.rotation[other])
         turn = make_cross_matrices(points)
@@ -277,10 +277,3 @@ class SilhouetteAdjustment:
         np.add.at(blocks, point, np.einsum("k,kra,krb->kab", weight, by_point, by_point))
         np.add.at(points_gradient, point, np.einsum("k,kra,kr->ka", weight, by_point, residual))
         return TrackBlocks(hessian, gradient, coupling, blocks, points_gradient)
-
-
-def _measure_slope(distance: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """(K, 2) derivative of a signed distance by the pixel."""
-    half = 0.5 * np.eye(2)
-    ahead, behind = ([look_up_many(distance, pixels + sign * step) for step in half] for sign in (1, -1))
-    return np.stack(ahead, 1) - np.stack(behind, 1)

@@ -6,7 +6,7 @@ Every ray through a rim touches the object, so some point of it lies in all othe
 import numba
 import numpy as np
 
-from zeroshop_steps.register.silhouettes.epipolar_tangency import SIZE, measure_prior, pose_view, shift_view
+from zeroshop_steps.register.silhouettes.epipolar_tangency import SIZE, measure_prior, pose_view, pose_views, shift_view
 
 DEPTHS, FINER, LEVELS = 24, 5, 3  # along a ray, within the object; then between the neighbours of the best, so often
 REACH = 1.25  # of the depths, in radii of the object
@@ -95,15 +95,6 @@ def measure_view(number, placed, poses, outlines, narrower, every, enough):
         if total > enough * rays:
             break
     return total / rays
-
-
-@numba.njit(cache=True, forceinline=True)
-def pose_views(views, log_focal, placed, outlines):
-    """(N, 15) poses of the placed views."""
-    poses = np.zeros((len(outlines.counts), 15))
-    for number in placed:
-        pose_view(views[number], log_focal, outlines.middle[number], poses[number])
-    return poses
 
 
 @numba.njit(cache=True)

@@ -136,7 +136,7 @@ def _cast_mask_rays(cameras: list[Camera], masks: dict[str, np.ndarray]) -> Iter
     distance = [_compute_signed_distance_px(mask) for mask in chosen]
     centre, radius = bound_object(cameras, chosen)
     for i, camera in enumerate(cameras):
-        pixels = _choose_mask_pixels(chosen[i], RAYS)
+        pixels = np.concatenate([choose_rim_pixels(chosen[i], RAYS // 2), _spread(_erode(chosen[i]), RAYS // 2)])
         world_from_camera = np.linalg.inv(camera.camera_from_world)
         rays = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1) @ np.linalg.inv(camera.intrinsics).T
         depth = float((camera.camera_from_world @ [*centre, 1.0])[2])
@@ -178,11 +178,6 @@ def _compute_signed_distance_px(mask: np.ndarray) -> np.ndarray:
 def choose_rim_pixels(mask: np.ndarray, count: int) -> np.ndarray:
     """Up to `count` pixel centres (x, y) along the rim of a mask, evenly spread; the image's border is not a rim."""
     return _spread(mask & ~_erode(mask), count)
-
-
-def _choose_mask_pixels(mask: np.ndarray, count: int) -> np.ndarray:
-    """Up to `count` mask pixel centres (x, y): half on the rim, half inside, evenly spread."""
-    return np.concatenate([choose_rim_pixels(mask, count // 2), _spread(_erode(mask), count // 2)])
 
 
 def _erode(mask: np.ndarray) -> np.ndarray:

@@ -68,6 +68,15 @@ def pose_view(view, log_focal, middle, pose):
         pose[12 + k] = -(pose[k] * pose[9] + pose[3 + k] * pose[10] + pose[6 + k] * pose[11])
 
 
+@numba.njit(cache=True, forceinline=True)
+def pose_views(views, log_focal, placed, outlines):
+    """(N, 15) poses of the placed views."""
+    poses = np.zeros((len(outlines.counts), 15))
+    for number in placed:
+        pose_view(views[number], log_focal, outlines.middle[number], poses[number])
+    return poses
+
+
 @numba.njit(cache=True, fastmath=True, forceinline=True)
 def compare_tangents(one, pose, other, other_pose, outlines, narrower, found):
     """Where the two planes through both centres that touch the other outline lie in one picture, beside its own outline.
@@ -120,13 +129,10 @@ def compare_tangents(one, pose, other, other_pose, outlines, narrower, found):
 
 @numba.njit(cache=True, forceinline=True)
 def _add_prior(view, size, weight, hessian, gradient, start):
-    cost = 0.0
     for a in range(2, 6):
         usual = USUAL[a] * (size if 3 <= a < 5 else 1.0)
-        cost += weight * (view[a] / usual) ** 2
         hessian[start + a, start + a] += weight / usual**2
         gradient[start + a] += weight * view[a] / usual**2
-    return cost
 
 
 @numba.njit(cache=True, forceinline=True)
@@ -178,9 +184,7 @@ def shift_view(view, log_focal, number, placed, poses, outlines, tolerance, pose
 
 @numba.njit(cache=True, forceinline=True)
 def _measure_tangents(views, log_focal, placed, outlines, tolerance):
-    poses, found = np.zeros((len(outlines.counts), 15)), np.empty((2, 4))
-    for number in placed:
-        pose_view(views[number], log_focal, outlines.middle[number], poses[number])
+    poses, found = pose_views(views, log_focal, placed, outlines), np.empty((2, 4))
     narrower, unit = np.exp(-log_focal), 1.0 / (outlines.size * tolerance)
     cost = PRIOR * (log_focal / USUAL_FOCAL) ** 2 * len(placed)
     for one in placed:

@@ -11,10 +11,11 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.viewpoints import make_intrinsics
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX, ImageSet
-from zeroshop_steps.register.silhouettes.coarse_coherence import measure_misses, pose_views, try_places
+from zeroshop_steps.register.silhouettes.coarse_coherence import measure_misses, try_places
 from zeroshop_steps.register.silhouettes.coherence import choose_rim_pixels
-from zeroshop_steps.register.silhouettes.epipolar_tangency import SIZE, Outlines, adjust_by_tangents, measure_prior
+from zeroshop_steps.register.silhouettes.epipolar_tangency import SIZE, Outlines, adjust_by_tangents, measure_prior, pose_views
 from zeroshop_steps.register.silhouettes.rays import make_outline_distance
 
 SMALL_PX = 250  # longer side of the masks' copies
@@ -199,7 +200,7 @@ def _find_hull(mask: np.ndarray) -> np.ndarray:
 def make_cameras(way: PoseHypothesis, outlines: Outlines, image_set: ImageSet, focal_px: np.ndarray) -> list[Camera]:
     """Pinhole cameras of a way, in its frame."""
     return [
-        Camera(name, *size_px, _make_intrinsics(guess * np.exp(way.log_focal), size_px), pose)
+        Camera(name, *size_px, make_intrinsics(guess * np.exp(way.log_focal), *size_px), pose)
         for name, size_px, guess, pose in zip(image_set.names, image_set.sizes_px, focal_px, way.make_poses(outlines), strict=True)
     ]
 
@@ -217,7 +218,3 @@ def read_hypothesis(cameras: list[Camera], outlines: Outlines, focal_px: np.ndar
         view[3:5] = place[:2] / place[2] - middle * np.exp(-log_focal)
         view[5] = np.log(place[2])
     return PoseHypothesis(views, log_focal)
-
-
-def _make_intrinsics(focal_px: float, size_px: tuple[int, int]) -> np.ndarray:
-    return np.array([[focal_px, 0.0, size_px[0] / 2], [0.0, focal_px, size_px[1] / 2], [0.0, 0.0, 1.0]])

@@ -117,11 +117,15 @@ def look_up_many(values: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     return found.ravel()[:count]
 
 
+def measure_slope(distance: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """(K, 2) derivative of a signed distance by the pixel."""
+    return np.stack([look_up_many(distance, pixels + step) - look_up_many(distance, pixels - step) for step in 0.5 * np.eye(2)], 1)
+
+
 def _move_onto_rim(pixels: np.ndarray, distance: np.ndarray) -> np.ndarray:
     """Pixels next to a rim, moved along the slope of the signed distance to where this is 0."""
-    half = 0.5 * np.eye(2)
     for _ in range(RIM_ROUNDS):
-        slope = np.stack([look_up_many(distance, pixels + step) - look_up_many(distance, pixels - step) for step in half], 1)
+        slope = measure_slope(distance, pixels)
         steepness = np.maximum((slope**2).sum(1), 0.5 * np.median((slope**2).sum(1)) + 1e-12)
         pixels = pixels - (look_up_many(distance, pixels) / steepness)[:, None] * slope
     return pixels

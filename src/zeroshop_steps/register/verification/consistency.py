@@ -25,7 +25,7 @@ from zeroshop_steps.register.silhouettes.coherence import (
 )
 from zeroshop_steps.register.verification.epipolar_support import EpipolarSupport, count_epipolar_support
 from zeroshop_steps.register.verification.film_path import find_jump
-from zeroshop_steps.register.verification.verdict import MOST_DOUBT, SURFACE, WRONG, Verdict, judge
+from zeroshop_steps.register.verification.verdict import MAX_WRONG_PROBABILITY, SURFACE, WRONG, Verdict, judge
 
 UNSURE_SHARE, UNSURE_POINTS = 0.3, 1 / 3
 """An image is held unsurely where this share of its matches contradicts the model, and it sees less than this share of the points that the
@@ -52,6 +52,7 @@ class ConsistencyLimits:
         rough_share: masks that are drawn by hand may miss by this share of the square root of their area, where the cameras were found
             without them; with outlines that waver by 1.5 % of it, rays miss by 4 %.
         wrong_masks_share: of the masks that may be wrong there, before the cameras are doubted instead.
+        max_wrong_probability: cameras are refused that are wrong with this probability or a higher one.
     """
 
     unexplained_px: float = UNEXPLAINED_PX
@@ -62,6 +63,7 @@ class ConsistencyLimits:
     least_points: int = 0
     rough_share: float = 0.06
     wrong_masks_share: float = 0.4
+    max_wrong_probability: float = MAX_WRONG_PROBABILITY
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,7 @@ class ConsistencyReport:
         findings: what speaks against the model.
         fault: what no right model has, whatever else was found.
         wrong_masks: images whose masks contradict most of the others, and were left out of the check.
+        max_wrong_probability: from where on the model is doubtful.
     """
 
     coherence: SilhouetteCoherence | None
@@ -83,6 +86,7 @@ class ConsistencyReport:
     findings: tuple[Finding, ...] = ()
     fault: Fault | None = None
     wrong_masks: tuple[str, ...] = ()
+    max_wrong_probability: float = MAX_WRONG_PROBABILITY
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -92,12 +96,16 @@ class ConsistencyReport:
     @property
     def is_doubtful(self) -> bool:
         """Whether the model is rather wrong."""
-        return self.fault is not None or self.verdict.wrong >= MOST_DOUBT
+        return self.fault is not None or self._is_refused
 
     @property
     def culprits(self) -> tuple[str, ...]:
         """The images to blame where the findings make the model doubtful, if single ones are; a fault blames none."""
-        return self.verdict.findings[0].images if self.verdict.wrong >= MOST_DOUBT else ()
+        return self.verdict.findings[0].images if self._is_refused else ()
+
+    @property
+    def _is_refused(self) -> bool:
+        return self.verdict.wrong >= self.max_wrong_probability
 
     def gather(self) -> Evidence:
         """What the checks found, for the verdict."""
@@ -162,7 +170,7 @@ def check_consistency(
         fault = Fault(
             f"{WRONG}: the distortion of its lens is not invertible, so the points constrain it too little; {SURFACE}", Inconsistent
         )
-    return ConsistencyReport(coherence, evidence, errors_px, findings, fault, tuple(wrong_masks))
+    return ConsistencyReport(coherence, evidence, errors_px, findings, fault, tuple(wrong_masks), limits.max_wrong_probability)
 
 
 def find_unsure(model: pycolmap.Reconstruction, evidence: EpipolarSupport) -> list[str]:

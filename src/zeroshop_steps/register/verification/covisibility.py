@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 import pycolmap
 
+from zeroshop_steps.geometry.cameras.pinhole import take_cameras
 from zeroshop_steps.geometry.cameras.ray_convergence import find_nearest_point
+from zeroshop_steps.register.photometry.hull_views import NEAR_SCALE
 
-NEAR_DEG, NEAR_SCALE = 30.0, 1.5
-"""Images are neighbours where their directions to the scene differ by at most so much, and their distances by at most this factor."""
+NEAR_DEG = 30.0  # images are neighbours where their directions to the scene differ by at most so much
 LEAST_EXPECTED = 40  # points that a pair should share to be judged
 
 
@@ -38,44 +39,28 @@ class CovisiblePoints:
 
 
 def count_covisible_points(model: pycolmap.Reconstruction) -> CovisiblePoints:
-    """Project the points of every image into its neighbours, of all registered images."""
-    images = _sort_images(model)
-    poses = [image.cam_from_world().matrix() for image in images]
-    near = find_neighbours(model)[1]
-    seen = [np.unique([point.point3D_id for point in image.points2D if point.has_point3D()]) for image in images]
+    """Project the points of every image into its neighbours, of all registered images of a model of pinhole cameras."""
+    cameras, (names, near) = take_cameras(model), find_neighbours(model)
+    images = {image.name: image for image in model.images.values()}
+    seen = [np.unique([point.point3D_id for point in images[name].points2D if point.has_point3D()]) for name in names]
     places = {point_id: point.xyz for point_id, point in model.points3D.items()}
-    expected, shared = np.zeros((2, len(images), len(images)), np.int64)
+    expected, shared = np.zeros((2, len(names), len(names)), np.int64)
     for one, other in zip(*np.nonzero(near), strict=True):
         if one == other or not len(seen[one]):
             continue
-        inside = _find_inside(model.cameras[images[other].camera_id], poses[other], np.array([places[int(p)] for p in seen[one]]))
+        inside = cameras[other].find_pixels(np.array([places[int(p)] for p in seen[one]]))[3]
         expected[one, other] = inside.sum()
         shared[one, other] = np.isin(seen[one][inside], seen[other]).sum()
-    return CovisiblePoints(tuple(image.name for image in images), expected + expected.T, shared + shared.T)
+    return CovisiblePoints(tuple(names), expected + expected.T, shared + shared.T)
 
 
 def find_neighbours(model: pycolmap.Reconstruction) -> tuple[list[str], np.ndarray]:
     """The names of the N registered images, in order, and (N, N) bool: which of them look at the scene from about the same place."""
-    images = _sort_images(model)
-    poses = [image.cam_from_world().matrix() for image in images]
-    centres = np.array([-pose[:, :3].T @ pose[:, 3] for pose in poses])
-    looks = centres - find_nearest_point(centres, np.array([pose[2, :3] for pose in poses]))
+    cameras = take_cameras(model)
+    centres = np.array([camera.centre_in_world for camera in cameras])
+    looks = centres - find_nearest_point(centres, np.array([camera.camera_from_world[2, :3] for camera in cameras]))
     distances = np.linalg.norm(looks, axis=1)
     looks /= distances[:, None]
     near = looks @ looks.T >= np.cos(np.radians(NEAR_DEG))
     near &= np.abs(np.log(distances[:, None] / distances[None])) <= np.log(NEAR_SCALE)
-    return [image.name for image in images], near
-
-
-def _sort_images(model: pycolmap.Reconstruction) -> list[pycolmap.Image]:
-    return sorted((model.images[image_id] for image_id in model.reg_image_ids()), key=lambda image: image.name)
-
-
-def _find_inside(camera: pycolmap.Camera, camera_from_world: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(P,) bool: points in front of a camera and in its image."""
-    local = points @ camera_from_world[:, :3].T + camera_from_world[:, 3]
-    inside = local[:, 2] > 0
-    pixels = np.full((len(points), 2), -1.0)
-    if inside.any():
-        pixels[inside] = camera.img_from_cam(local[inside])
-    return inside & (pixels >= 0).all(1) & (pixels < [camera.width, camera.height]).all(1)
+    return [camera.name for camera in cameras], near

@@ -8,7 +8,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.register.scene.record import Evidence, Fault, Finding
-from zeroshop_steps.register.verification.covisibility import CovisiblePoints, count_covisible_points
+from zeroshop_steps.register.verification.covisibility import count_covisible_points
 from zeroshop_steps.register.verification.missing_correspondences import find_mismatched_pairs
 
 SHARED_POINTS = 0.22
@@ -42,7 +42,11 @@ def check_duplicate_structure(
         images: the folder of the model's images, where the whole scene gave the matches: these decide where many neighbours share nothing.
         compare: whether they decide in any case, and must be enough to tell.
     """
-    neighbours, strangers = find_noncovisible(count_covisible_points(model), may_match)
+    covisible = count_covisible_points(model)
+    neighbours, apart = covisible.find_noncovisible(SHARED_POINTS)
+    stems = [Path(name).stem for name in covisible.names]
+    pairs = [(stems[one], stems[other]) for one, other in np.argwhere(np.triu(apart))]
+    strangers = [pair for pair in pairs if may_match is None or not may_match(*pair)]
     entries: dict[str, Any] = {"neighbours": neighbours, "strangers": [list(pair) for pair in strangers]}
     if images is not None and (compare or len(strangers) > max(NONCOVISIBLE_PAIRS, DOUBTFUL_SHARE * neighbours)):
         compared, unlike = find_mismatched_pairs(model, images)
@@ -62,11 +66,3 @@ def describe_pairs(pairs: Sequence[tuple[str, str]], neighbours: int, what: str)
     """How many pairs of neighbours are wrong, and in what."""
     example = f", such as {' and '.join(pairs[0])}," if pairs else ""
     return f"{len(pairs)} of {neighbours} pairs of neighbouring images{example} {what}"
-
-
-def find_noncovisible(missed: CovisiblePoints, may_match: MayMatch | None = None) -> tuple[int, list[tuple[str, str]]]:
-    """How many pairs of neighbours there are, and the stems of those that are strangers, also when asked again."""
-    neighbours, apart = missed.find_noncovisible(SHARED_POINTS)
-    stems = [Path(name).stem for name in missed.names]
-    pairs = [(stems[one], stems[other]) for one, other in np.argwhere(np.triu(apart))]
-    return neighbours, [pair for pair in pairs if may_match is None or not may_match(*pair)]

@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import maximum_flow
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+
+from zeroshop_steps.register.scene.database import read_matches, read_places
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,8 @@ class EpipolarSupport:
         for sink in range(1, count):  # the smallest cut separates image 0 from at least one other image
             flow = maximum_flow(graph, 0, sink)
             if flow.flow_value < best:
-                best, group = int(flow.flow_value), _find_reachable(self.supporting - flow.flow.toarray(), 0)
+                best, group = int(flow.flow_value), np.zeros(count, bool)
+                group[breadth_first_order(csr_matrix(self.supporting - flow.flow.toarray() > 0), 0, return_predecessors=False)] = True
         if group.sum() > count / 2:
             group = ~group
         return best, tuple(name for name, inside in zip(self.names, group, strict=True) if inside)
@@ -64,22 +67,19 @@ def count_epipolar_support(model: pycolmap.Reconstruction, database: Path, max_e
     row = {image.image_id: index for index, image in enumerate(images)}
     supporting, contradicting = np.zeros((2, len(images), len(images)), dtype=np.int64)
     with pycolmap.Database.open(database) as opened:
-        rays = {}
-        for image in images:
-            keypoints = opened.read_keypoints(image.image_id)[:, :2].astype(np.float64)
-            rays[image.image_id] = model.cameras[image.camera_id].cam_from_img(keypoints)
-        for pair_id, geometry in zip(*opened.read_two_view_geometries(), strict=True):
-            first, second = pycolmap.pair_id_to_image_pair(pair_id)
-            if first not in row or second not in row or not len(geometry.inlier_matches):
-                continue
-            a, b = model.images[first], model.images[second]
-            focal = model.cameras[a.camera_id].mean_focal_length(), model.cameras[b.camera_id].mean_focal_length()
-            second_from_first = (b.cam_from_world() * a.cam_from_world().inverse()).matrix()
-            points_a, points_b = rays[first][geometry.inlier_matches[:, 0]], rays[second][geometry.inlier_matches[:, 1]]
-            good = find_explained(points_a, points_b, second_from_first, max_error_px / (0.5 * sum(focal)))
-            i, j = row[first], row[second]
-            supporting[i, j] = supporting[j, i] = good.sum()
-            contradicting[i, j] = contradicting[j, i] = (~good).sum()
+        places, pairs = read_places(opened), read_matches(opened)
+    rays = {image.image_id: model.cameras[image.camera_id].cam_from_img(places[image.image_id]) for image in images}
+    for (first, second), matches in pairs:
+        if first not in row or second not in row or not len(matches):
+            continue
+        a, b = model.images[first], model.images[second]
+        focal = model.cameras[a.camera_id].mean_focal_length(), model.cameras[b.camera_id].mean_focal_length()
+        second_from_first = (b.cam_from_world() * a.cam_from_world().inverse()).matrix()
+        points_a, points_b = rays[first][matches[:, 0]], rays[second][matches[:, 1]]
+        good = find_explained(points_a, points_b, second_from_first, max_error_px / (0.5 * sum(focal)))
+        i, j = row[first], row[second]
+        supporting[i, j] = supporting[j, i] = good.sum()
+        contradicting[i, j] = contradicting[j, i] = (~good).sum()
     return EpipolarSupport(tuple(image.name for image in images), supporting, contradicting)
 
 
@@ -102,14 +102,3 @@ def find_explained(first: np.ndarray, second: np.ndarray, second_from_first: np.
     depth_a = (normal * np.cross(translation, b)).sum(1)
     depth_b = (normal * np.cross(translation, turned)).sum(1)
     return (distance <= max_error**2) & (depth_a > 0) & (depth_b > 0)
-
-
-def _find_reachable(residual: np.ndarray, start: int) -> np.ndarray:
-    """(N,) bool: nodes that can be reached over positive entries."""
-    seen = np.zeros(len(residual), bool)
-    seen[start] = True
-    while True:
-        grown = seen | (residual[seen] > 0).any(0)
-        if (grown == seen).all():
-            return seen
-        seen = grown

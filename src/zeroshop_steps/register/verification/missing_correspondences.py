@@ -49,16 +49,15 @@ class _Image:
     seen: np.ndarray
 
 
-def find_mismatched_pairs(model: pycolmap.Reconstruction, folder: Path, seed: int = 0) -> tuple[int, list[tuple[str, str]]]:
+def find_mismatched_pairs(model: pycolmap.Reconstruction, folder: Path) -> tuple[int, list[tuple[str, str]]]:
     """How many pairs of neighbouring images could be compared, and the stems of those that do not show the same.
 
     Args:
         model: pinhole cameras; its images are named STEM.png.
         folder: of the undistorted images.
-        seed: of the pairs and points that are compared.
     """
     names, near = find_neighbours(model)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)  # draws pairs and points
     pairs = np.argwhere(np.triu(near, 1))
     pairs = pairs[np.sort(rng.permutation(len(pairs))[:MOST_PAIRS])]
     cameras = {camera.name: camera for camera in take_cameras(model)}

@@ -15,7 +15,7 @@ from scipy.spatial import Delaunay, QhullError
 from zeroshop_steps.geometry.imaging.images import read_image
 from zeroshop_steps.register.photometry.score import WHOLE, compare_patches
 from zeroshop_steps.register.photometry.transfer import find_between_matches
-from zeroshop_steps.register.scene.database import delete_pair
+from zeroshop_steps.register.scene.database import delete_pair, read_matches, read_places
 from zeroshop_steps.register.scene.image_set import ImageSet, read_masks
 from zeroshop_steps.runtime.progress import track
 
@@ -40,13 +40,11 @@ def delete_inconsistent_pairs(database: Path, image_set: ImageSet) -> list[tuple
     unlike = []
     with pycolmap.Database.open(database) as opened:
         names = {image.image_id: image.name for image in opened.read_all_images()}
-        keypoints = {image_id: opened.read_keypoints(image_id)[:, :2].astype(np.float64) for image_id in names}
-        pairs, geometries = opened.read_two_view_geometries()
-        for pair, geometry in track(zip(pairs, geometries, strict=True), "comparing pairs", len(pairs)):
-            ends, numbers = pycolmap.pair_id_to_image_pair(pair), geometry.inlier_matches
+        places, pairs = read_places(opened), read_matches(opened)
+        for ends, numbers in track(pairs, "comparing pairs", len(pairs)):
             if not len(numbers):
                 continue
-            one, other = ((greys[names[end]], masks[names[end]], keypoints[end][numbers[:, side]]) for side, end in enumerate(ends))
+            one, other = ((greys[names[end]], masks[names[end]], places[end][numbers[:, side]]) for side, end in enumerate(ends))
             scores = [part for part in (compare_between(*one, *other), compare_between(*other, *one)) if len(part) >= LEAST_PATCHES]
             if not scores or not _show_the_same(scores):
                 unlike.append((names[ends[0]], names[ends[1]]))

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.registered_views import View
-from zeroshop_steps.register.photometry.hull_views import make_small_views
+from zeroshop_steps.register.photometry.hull_views import SmallView, make_small_views
 from zeroshop_steps.register.photometry.view_similarity import LEAST_PATCHES, UNLIKE_SCORE, Chances, compare, compare_distinctive
 from zeroshop_steps.register.scene.record import Evidence, Finding
 from zeroshop_steps.register.submodels.appearance import LARGEST_DEG
@@ -67,11 +67,11 @@ def find_inconsistent(views: Sequence[View]) -> tuple[int, list[tuple[str, str]]
     small, pairs, radius = make_small_views(views, NEAR_DEG)
     judged, disagreeing = 0, []
     for one, other, angle_deg in pairs:
-        scores = [score for score in (compare(small[a], small[b], radius) for a, b in ((one, other), (other, one))) if score is not None]
-        if not scores:
+        score = _compare_both_ways(small[one], small[other], radius)
+        if score is None:
             continue
         judged += 1
-        if np.mean(scores) < LEAST_SCORE - SCORE_PER_DEG * angle_deg:
+        if score < LEAST_SCORE - SCORE_PER_DEG * angle_deg:
             disagreeing.append((Path(views[one].camera.name).stem, Path(views[other].camera.name).stem))
     return judged, disagreeing
 
@@ -95,8 +95,13 @@ def find_inconsistent_wide(views: Sequence[View]) -> tuple[int, dict[tuple[str, 
             continue
         judged += 1
         if (telling < UNLIKE_SCORE).mean() > WRONG_PATCHES:
-            scores = [score for score in (compare(*way, radius) for way in ways) if score is not None]
-            score = float(np.mean(scores)) if scores else -1.0
+            score = _compare_both_ways(small[one], small[other], radius)
+            score = -1.0 if score is None else score
             if score < LEAST_SCORE - SCORE_PER_DEG * angle_deg:
                 differing[Path(views[one].camera.name).stem, Path(views[other].camera.name).stem] = score
     return judged, differing
+
+
+def _compare_both_ways(one: SmallView, other: SmallView, radius: float) -> float | None:
+    scores = [score for score in (compare(one, other, radius), compare(other, one, radius)) if score is not None]
+    return float(np.mean(scores)) if scores else None

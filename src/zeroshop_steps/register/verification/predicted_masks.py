@@ -85,14 +85,7 @@ def mask_images(image_set: ImageSet, found: list[np.ndarray], network: SalientOb
         raise RegistrationFailed(
             f"{network.name} sees something that stands out in {len(chosen)} of {len(found)} photos only", {"registered": 0}
         )
-    return replace(
-        image_set,
-        images=tuple(image_set.images[index] for index in chosen),
-        masks=tuple(masks),
-        masks_found=True,
-        sizes_px=tuple(image_set.sizes_px[index] for index in chosen),
-        sources=tuple(image_set.sources[index] for index in chosen) if image_set.sources else (),
-    )
+    return replace(image_set.take(chosen), masks=tuple(masks), masks_found=True)
 
 
 def is_sparse(record: dict[str, Any]) -> bool:
@@ -100,12 +93,16 @@ def is_sparse(record: dict[str, Any]) -> bool:
     return record["points"] * record["mean_track_length"] < SPARSE_OBSERVATIONS * record["registered"]
 
 
-def check_by_predicted_masks(folder: Path, record: dict[str, Any], network: SalientObjectNetwork) -> dict[str, Any]:
+def check_by_predicted_masks(
+    folder: Path, record: dict[str, Any], network: SalientObjectNetwork, max_wrong_probability: float
+) -> dict[str, Any]:
     """Check cameras that were found without masks by those of a network: their outlines, and the pictures of neighbours.
 
     Args:
         folder: the registration.
         record: its record.
+        network: sees the object.
+        max_wrong_probability: see `verify`.
 
     Returns:
         The record with the figures of the checks.
@@ -126,7 +123,7 @@ def check_by_predicted_masks(folder: Path, record: dict[str, Any], network: Sali
         checks: list[Callable[[], Evidence]] = [partial(_check_outlines, missed_px)]
         if len(masked) >= MIN_IMAGES:
             checks.append(lambda: check_photometric_consistency(masked, wide=False))
-        checked = verify(checked, checks, model)
+        checked = verify(checked, checks, model, max_wrong_probability)
     return dict(checked.entries)
 
 

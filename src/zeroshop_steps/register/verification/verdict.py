@@ -20,7 +20,7 @@ from zeroshop_steps.register.scene.record import DuplicateStructure, Evidence, F
 
 WEIGHTS = Path(__file__).with_name("verdict_weights.json")
 MOST_STRENGTH = 3.0  # from here on, a finding is no stronger
-MOST_DOUBT = 0.5  # probability of being wrong from which on cameras are refused
+MAX_WRONG_PROBABILITY = 0.5  # where the config says nothing else: from this probability of being wrong on, cameras are refused
 
 WRONG = "the reconstruction is self-consistent but incorrect"
 FOLDED = f"{WRONG}: distinct sides were merged (duplicate structure)"
@@ -115,7 +115,7 @@ def judge(findings: Sequence[Finding]) -> Verdict:
 
 
 def verify(
-    record: Record, checks: Iterable[Callable[[], Evidence]], model: pycolmap.Reconstruction, most_doubt: float = MOST_DOUBT
+    record: Record, checks: Iterable[Callable[[], Evidence]], model: pycolmap.Reconstruction, max_wrong_probability: float
 ) -> Record:
     """Ask checks one after the other; the record with all that was found, and with the verdict.
 
@@ -123,7 +123,7 @@ def verify(
         record: what is known so far; what was found before counts, too.
         checks: in the order of their cost.
         model: is kept as the rejected one where it is refused.
-        most_doubt: probability of being wrong from which on it is refused.
+        max_wrong_probability: from this probability of being wrong on, it is refused.
 
     Raises:
         RegistrationFailed: the cameras are wrong, too likely; the checks after what convinced are not asked.
@@ -134,6 +134,6 @@ def verify(
         findings += evidence.findings
         verdict = judge(findings)
         record = record.add(verdict=verdict.figures()).judge(evidence, model)
-        if verdict.wrong >= most_doubt:
+        if verdict.wrong >= max_wrong_probability:
             raise record.fail(verdict.reason, model, verdict.kind)
     return record

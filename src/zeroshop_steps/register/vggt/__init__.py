@@ -5,12 +5,10 @@ are taken as they are, which is faster and less exact. What is found is checked 
 """
 
 import argparse
-from pathlib import Path
 from typing import Any
 
-from zeroshop_steps.networks.devices import DEVICES
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
-from zeroshop_steps.register.registration import add_common_arguments, add_estimation_arguments
+from zeroshop_steps.register.registration import add_common_arguments, add_estimation_arguments, add_network_arguments, add_options
 from zeroshop_steps.register.vggt.options import VggtOptions
 from zeroshop_steps.runtime.cache import Cached
 
@@ -34,26 +32,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--refine", choices=("tracks", "none"), default=defaults.refine, help="by tracks and bundle adjustment (default: %(default)s)"
     )
-    parser.add_argument(
-        "--tracked-points", type=int, default=defaults.tracked_points, help="points to follow a query view (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--query-views", type=int, default=defaults.query_views, help="views whose points are followed, a pass each (default: %(default)s)"
-    )
+    views = "views whose points are followed, a pass each"
+    add_options(parser, defaults, tracked_points="points to follow a query view", query_views=views)
     lens_help = "camera model of the one lens for all (default: %(default)s)"
     parser.add_argument("--lens", choices=("simple_radial", "simple_pinhole"), default=defaults.lens.lower(), help=lens_help)
-    error_help = "largest error of a track that counts in the end, per 1000 px of width (default: %(default)s)"
-    parser.add_argument("--max-error-px", type=float, default=defaults.max_error_px, help=error_help)
-    parser.add_argument(
-        "--precision",
-        choices=("auto", "float32", "bfloat16"),
-        default=defaults.precision,
-        help="of the attention; auto is bfloat16 where a CUDA device has it (default: %(default)s)",
-    )
-    add_estimation_arguments(parser, defaults.min_share, defaults.min_images, defaults.seed)
-    parser.add_argument("--device", choices=DEVICES, default="auto", help="default: %(default)s")
-    default = WEIGHTS_FOLDER / METHOD["weights"][0]
-    parser.add_argument("--weights", type=Path, default=default, help="the network's weights (default: %(default)s)")
+    add_options(parser, defaults, max_error_px="largest error of a track that counts in the end, per 1000 px of width")
+    add_precision_argument(parser, defaults.precision)
+    add_estimation_arguments(parser, defaults.structure)
+    add_network_arguments(parser, WEIGHTS_FOLDER / METHOD["weights"][0])
+
+
+def add_precision_argument(parser: argparse.ArgumentParser, usual: str) -> None:
+    """The precision of a large network."""
+    text = "of the attention; auto is bfloat16 where a CUDA device has it (default: %(default)s)"
+    parser.add_argument("--precision", choices=("auto", "float32", "bfloat16"), default=usual, help=text)
 
 
 def run(args: argparse.Namespace) -> None:

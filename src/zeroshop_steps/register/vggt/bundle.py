@@ -1,6 +1,7 @@
 """From tracks to exact cameras: triangulation and bundle adjustment by turns, under an error limit that shrinks."""
 
 import copy
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pycolmap
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.register.mapping.mapper import adjust_robustly
 from zeroshop_steps.register.mapping.reregistration import remove_images
-from zeroshop_steps.register.matching.verified_matches import make_verification_options
+from zeroshop_steps.register.matching.verified_matches import verify_pairs
 from zeroshop_steps.register.scene.database import create_database
 from zeroshop_steps.register.vggt.tracks import TrackObservations
 
@@ -28,7 +29,6 @@ def write_database(
     Keypoint k of an image is the k-th track that it sees.
     """
     create_database(path, len(names))
-    pairs = path.with_suffix(".pairs.txt")
     with pycolmap.Database.open(path) as database:
         camera = pycolmap.Camera.create_from_model_name(1, "SIMPLE_RADIAL", focal_px, *size_px)
         database.write_camera(camera, use_camera_id=True)
@@ -36,18 +36,15 @@ def write_database(
             database.write_image(pycolmap.Image(name=name, camera_id=1, image_id=index), use_image_id=True)
             database.write_keypoints(index, seen.xy[index - 1, seen.seen[index - 1]].astype(np.float32))
         number = np.cumsum(seen.seen, axis=1) - 1
-        lines = []
-        for first in range(len(names)):
-            for second in range(first + 1, len(names)):
-                both = np.flatnonzero(seen.seen[first] & seen.seen[second])
-                if len(both):
-                    database.write_matches(
-                        first + 1, second + 1, np.column_stack([number[first, both], number[second, both]]).astype(np.uint32)
-                    )
-                    lines.append(f"{names[first]} {names[second]}\n")
-    pairs.write_text("".join(lines))
-    if lines:
-        pycolmap.verify_matches(path, pairs, make_verification_options(seed))
+        pairs = []
+        for first, second in combinations(range(len(names)), 2):
+            both = np.flatnonzero(seen.seen[first] & seen.seen[second])
+            if len(both):
+                database.write_matches(
+                    first + 1, second + 1, np.column_stack([number[first, both], number[second, both]]).astype(np.uint32)
+                )
+                pairs.append((names[first], names[second]))
+    verify_pairs(path, pairs, seed)
 
 
 def adjust_cameras(

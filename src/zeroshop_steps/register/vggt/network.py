@@ -25,7 +25,7 @@ class VggtOutput:
     """What a pass says of S frames.
 
     Attributes:
-        encodings: (S, 9) cameras, `dense_points.decode_cameras` reads them.
+        encodings: (S, 9) cameras, `feed_forward.decode_cameras` reads them.
         depth, confidence: (S, height, width); confidence is at least 1.
     """
 

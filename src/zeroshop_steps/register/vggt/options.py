@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from zeroshop_steps.register.verification.consistency import ConsistencyLimits
+from zeroshop_steps.register.pipeline import StructureOptions
 
 
 @dataclass(frozen=True)
@@ -16,16 +16,12 @@ class VggtOptions:
         lens: camera model of the one lens for all: SIMPLE_RADIAL or SIMPLE_PINHOLE.
         max_error_px: largest reprojection error of a track that counts in the end, per 1000 px of image width.
         precision: of the attention: auto, float32 or bfloat16.
-        min_share, min_images: the fewest images that must be registered, as a share of all and as a number.
-        seed: of RANSAC.
-        object_only: images that are black outside the masks, and points inside them only, for images without a surface.
         min_visibility: from where on a tracked point counts as seen.
         min_confidence: of a depth value, for feed-forward points; the network's confidences start at 1.
         min_observations: an image with fewer points is not registered.
         min_agreement: share of the feed-forward points that other views' depth must confirm, in each image.
-        max_dropped: rounds in which images that the pictures contradict are left out.
-        limits: from where on a refined model counts as wrong.
         unrefined_px: mask rays of feed-forward cameras may miss the other masks by this much, per 1000 px of width.
+        structure: of the reconstruction; of the object only, images are black outside the masks, and points lie inside them.
     """
 
     refine: str = "tracks"
@@ -34,14 +30,9 @@ class VggtOptions:
     lens: str = "SIMPLE_RADIAL"
     max_error_px: float = 4.0
     precision: str = "auto"
-    min_share: float = 0.8
-    min_images: int = 8
-    seed: int = 0
-    object_only: bool = False
     min_visibility: float = 0.2
     min_confidence: float = 5.0
     min_observations: int = 30
     min_agreement: float = 0.5
-    max_dropped: int = 3
-    limits: ConsistencyLimits = field(default_factory=ConsistencyLimits)
     unrefined_px: float = 20.0
+    structure: StructureOptions = field(default_factory=lambda: StructureOptions(max_dropped=3))

@@ -3,7 +3,7 @@
 import argparse
 import math
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -15,15 +15,13 @@ import torch
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.register.mapping.reregistration import remove_images
-from zeroshop_steps.register.registration import write_registration
+from zeroshop_steps.register.pipeline import read_structure_options
+from zeroshop_steps.register.registration import read_options, write_registration
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.scene.record import (
-    OBJECT_ONLY,
     Evidence,
-    Fault,
     Record,
     RegistrationFailed,
-    Stopwatch,
     describe_lenses,
     describe_model,
 )
@@ -31,8 +29,7 @@ from zeroshop_steps.register.scene.undistortion import undistort
 from zeroshop_steps.register.verification.consistency import check_consistency
 from zeroshop_steps.register.verification.verdict import verify
 from zeroshop_steps.register.vggt.bundle import adjust_cameras, drop_weak_images, write_database
-from zeroshop_steps.register.vggt.dense_points import decode_cameras, find_confirmed_points
-from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward
+from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward, decode_cameras, find_confirmed_points
 from zeroshop_steps.register.vggt.frames import Frames, find_usable_pixels, fit_size, read_frames
 from zeroshop_steps.register.vggt.memory import load_network, predict_peak_bytes
 from zeroshop_steps.register.vggt.network import VggtNetwork, VggtOutput, read_settings, resolve_published
@@ -62,18 +59,8 @@ class Solution:
 
 def solve(args: argparse.Namespace, published: Collection[str]) -> None:
     """Write the cameras folder of the command line's arguments; checkpoints are checked that are `published`, below resources/weights."""
-    options = VggtOptions(
-        refine=args.refine,
-        tracked_points=args.tracked_points,
-        query_views=args.query_views,
-        lens=args.lens.upper(),
-        max_error_px=args.max_error_px,
-        precision=args.precision,
-        min_share=args.min_share,
-        min_images=args.min_images,
-        seed=args.seed,
-        object_only=args.scene in OBJECT_ONLY,
-    )
+    structure = replace(read_structure_options(args), max_dropped=VggtOptions().structure.max_dropped)
+    options = read_options(VggtOptions, args, lens=args.lens.upper(), structure=structure)
     image_set = read_image_set(args.capture)
     weights = resolve_published(args.weights, published)
     settings = read_settings(weights, VggtSettings())
@@ -110,13 +97,14 @@ def register(
     Raises:
         RegistrationFailed: no cameras, too few, or cameras that the images contradict.
     """
-    stopwatch, count = Stopwatch(), len(image_set.images)
-    needed = max(options.min_images, math.ceil(options.min_share * count))
-    record = Record.begin("vggt", image_set, options, stopwatch, torch, pycolmap, **known)
-    frames = read_frames(image_set, image_px, patch_px, options.object_only)
-    usable = find_usable_pixels(frames, image_set, options.object_only)
+    count = len(image_set.images)
+    structure = options.structure
+    needed = max(structure.min_images, math.ceil(structure.min_share * count))
+    record = Record.begin("vggt", image_set, options, torch, pycolmap, **known)
+    frames = read_frames(image_set, image_px, patch_px, structure.object_only)
+    usable = find_usable_pixels(frames, image_set, structure.object_only)
     predicted = network.predict(frames.pixels)
-    stopwatch.lap("predict")
+    record.stopwatch.lap("predict")
     try:
         cameras = decode_cameras(predicted.encodings, frames)
     except RegistrationFailed as failure:
@@ -126,7 +114,7 @@ def register(
             solution = _solve_by_tracks(cameras, frames, usable, predicted, image_set, scratch / "database.db", options, network)
         else:
             solution = _solve_feed_forward(cameras, frames, usable, predicted, image_set, options)
-    stopwatch.lap("solve")
+    record.stopwatch.lap("solve")
     record = record.add(**solution.entries)
     registered = solution.model.num_reg_images()
     if registered < needed:
@@ -136,8 +124,8 @@ def register(
         )
     pinhole_model = undistort(solution.model, image_set, out)
     record = record.add(**describe_lenses(solution.model), **describe_model(pinhole_model))
-    stopwatch.stop()
-    return dict(verify(record, [lambda: solution.evidence], pinhole_model).entries)
+    record.stopwatch.stop()
+    return dict(verify(record, [lambda: solution.evidence], pinhole_model, structure.limits.max_wrong_probability).entries)
 
 
 def _solve_by_tracks(
@@ -151,7 +139,7 @@ def _solve_by_tracks(
     network: CameraPredictor,
 ) -> Solution:
     """Follow points from several views, and refine the cameras until the points fit."""
-    queries, tracks = {}, {}
+    structure, queries, tracks = options.structure, {}, {}
     views = choose_query_views(cameras, options.query_views)
     for view in views:
         points = choose_query_points(frames.pixels[view], usable[view], options.tracked_points)
@@ -159,21 +147,21 @@ def _solve_by_tracks(
             queries[view], tracks[view] = points, network.track(frames.pixels, view, points)
     seen = gather_observations(frames, usable, queries, tracks, options.min_visibility)
     focal_px = float(np.median([camera.intrinsics[0, 0] for camera in cameras]))
-    write_database(database, frames.names, seen, frames.size_px, focal_px, options.seed)
+    write_database(database, frames.names, seen, frames.size_px, focal_px, structure.seed)
     model = adjust_cameras(cameras, seen, options.lens, options.max_error_px)
     model = drop_weak_images(model, options.min_observations, options.max_error_px)
     entries = {"query_views": [frames.names[view] for view in views], "tracks": seen.seen.shape[1]}
     if model.num_reg_images() < 2 or not model.num_points3D():
         return Solution(pycolmap.Reconstruction(), Evidence(), {**entries, "left_out": []})
     left_out: list[str] = []
-    report = check_consistency(model, image_set, database, options.limits)
-    for _ in range(options.max_dropped):
-        if not report.culprits or model.num_reg_images() - len(report.culprits) < max(options.min_images, 2):
+    report = check_consistency(model, image_set, database, structure.limits)
+    for _ in range(structure.max_dropped):
+        if not report.culprits or model.num_reg_images() - len(report.culprits) < max(structure.min_images, 2):
             break
         left_out += report.culprits
         model = remove_images(model, list(report.culprits))
         model = drop_weak_images(model, options.min_observations, options.max_error_px)
-        report = check_consistency(model, image_set, database, options.limits)
+        report = check_consistency(model, image_set, database, structure.limits)
     return Solution(model, report.gather(), {**entries, "left_out": left_out})
 
 
@@ -183,5 +171,4 @@ def _solve_feed_forward(
     """Take the cameras as they are, with the points on which the depth of several views agrees."""
     points = find_confirmed_points(cameras, frames, predicted.depth, usable & (predicted.confidence >= options.min_confidence))
     model = build_feed_forward_model(cameras, points)
-    reason, consistency = check_feed_forward(cameras, points, image_set, options.unrefined_px, options.min_agreement, REMEDY)
-    return Solution(model, Evidence({"consistency": consistency}, fault=Fault(reason) if reason else None), {})
+    return Solution(model, check_feed_forward(cameras, points, image_set, options.unrefined_px, options.min_agreement, REMEDY), {})
