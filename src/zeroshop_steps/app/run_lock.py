@@ -5,8 +5,7 @@ until it ends. Where there is no note, or its process or another Snakemake may s
 """
 
 import platform
-import subprocess
-from collections.abc import Sequence
+import shutil
 from pathlib import Path
 
 import psutil
@@ -31,14 +30,14 @@ def remove_note(folder: Path, process: int) -> None:
         (folder / NOTE).unlink()
 
 
-def free_dead_lock(folder: Path, command: Sequence[str]) -> bool:
-    """Unlock a folder by Snakemake's `command` if the run that was noted there is dead; whether that was done."""
+def free_dead_lock(folder: Path) -> bool:
+    """Unlock a folder, as Snakemake's `--unlock` does, if the run that was noted there is dead; whether that was done."""
     if not (folder / NOTE).is_file() or not any((folder / LOCKS).glob("*.lock")):
         return False
     note = read_json(folder / NOTE)
     if note["machine"] != platform.node() or _may_run(note["process"], note.get("began_s")) or _is_in_use(folder):
         return False
-    subprocess.run([*command, "--unlock"], check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    shutil.rmtree(folder / LOCKS)
     return True
 
 

@@ -146,7 +146,7 @@ def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path, 
     command += ["--config", *changed, "--nocolor", "--logger", "zeroshop"]
     progress = Progress()
     log.parent.mkdir(parents=True, exist_ok=True)
-    if free_dead_lock(folder, command):
+    if free_dead_lock(folder):
         print("The run before this one was cut off; going on where it stopped.", file=sys.stderr)
     events, writable = os.pipe()
     environment = {**os.environ, "PYTHONUNBUFFERED": "1", EVENTS_FD: str(writable)}
