@@ -3,6 +3,7 @@
 It writes what a run plans and does as lines of JSON to the file descriptor that the variable EVENTS_FD names. Snakemake's own report stays.
 """
 
+import contextlib
 import json
 import os
 from logging import LogRecord
@@ -39,4 +40,5 @@ class LogHandler(LogHandlerBase):
     def emit(self, record: LogRecord) -> None:
         """Write a line for an event that `zeroshop` shows."""
         if event := read_event(record):
-            os.write(self.descriptor, f"{json.dumps(event)}\n".encode())
+            with contextlib.suppress(BrokenPipeError):  # `zeroshop` was killed, and this run goes on
+                os.write(self.descriptor, f"{json.dumps(event)}\n".encode())

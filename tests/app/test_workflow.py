@@ -72,7 +72,11 @@ def test_snakemake_finds_the_plugin_and_says_what_it_plans_and_does(tmp_path):
     ("log", "reason"),
     [
         ("x\nerror: too dark\nerror: too dark\ny\n", ["too dark"]),
-        ("LockException:\nDirectory cannot be locked.\n", ["another run works in this folder"]),
+        (
+            "LockException:\nDirectory cannot be locked.\n",
+            ["another run works in this folder; wait for it, or, if none does, delete"],
+        ),
+        ("InputFunctionException in rule x:\nError:\n  StepError: a ü holds braces\nWildcards:\n", ["a ü holds braces"]),
         ("a\nWorkflowError:\nunknown nvs method: nerf\n", ["WorkflowError:", "unknown nvs method: nerf"]),
     ],
 )

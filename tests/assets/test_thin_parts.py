@@ -13,6 +13,7 @@ from zeroshop_steps.assets.convex_parts import split_convex
 from zeroshop_steps.assets.mjcf import describe_model
 from zeroshop_steps.geometry.meshes.mass_properties import measure_solid
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.runtime.errors import StepError
 
 JAWS = [
     trimesh.creation.box((0.07, 0.01, 0.004)),
@@ -48,3 +49,12 @@ def test_parts_that_no_simulator_feels_are_left_out(shapes: list[trimesh.Trimesh
     found = [(np.asarray(shape.vertices), np.asarray(shape.faces)) for shape in shapes]
     library = SimpleNamespace(Mesh=lambda vertices, faces: None, run_coacd=lambda mesh, **options: found)
     assert len(split_convex(mesh, 0.08, 24, 0, lambda: library)) == left
+
+
+def test_a_mesh_without_thickness_is_refused_as_such(recwarn: pytest.WarningsRecorder) -> None:
+    sheet = to_mesh(trimesh.creation.box((0.2, 0.15, 0.001)).apply_scale([1, 1, 0]))
+    with pytest.raises(StepError, match="sheet has no thickness"):
+        measure_solid(sheet, "sheet")
+    assert not recwarn.list
+    foil = to_mesh(trimesh.creation.box((0.2, 0.15, 1e-6)))
+    assert np.isclose(measure_solid(foil, "foil").volume, 3e-8)

@@ -169,6 +169,21 @@ def test_which_way_a_mask_is_drawn_is_said_where_its_size_does_not_tell(shoot, c
     assert "1 of 9 masks are taken as drawn on the photos before they are turned (EXIF orientation 3)" in capsys.readouterr().err
 
 
+def test_masks_of_photos_on_their_side_tell_how_the_others_are_drawn(shoot, capsys):
+    """Orientations 6 and 3, the masks drawn on the photos as they are shown; that of the second alone fits both ways."""
+    shown = {2: shoot.disk(x=50), 4: np.rot90(shoot.disk(x=50), -1)}
+    for index, orientation in ((2, 3), (4, 6)):
+        with Image.open(shoot.image(index)) as image:
+            exif = image.getexif()
+            exif[0x0112] = orientation
+            image.save(shoot.image(index), exif=exif)
+        write_mask(shoot.mask(index), shown[index])
+    shoot.take()
+    for index, mask in shown.items():
+        assert np.array_equal(read_mask(shoot.out / f"masks/{index:06d}.png"), mask)
+    assert "before they are turned" not in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("spoil", [lambda disk: ~disk, lambda disk: ~disk & (np.arange(WIDTH) < WIDTH - 1)])
 def test_inverted_masks_are_refused_at_once(shoot, spoil):
     for index in range(9):

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from zeroshop_steps import methods
-from zeroshop_steps.runtime.config_files import config_changes, name_error, read_objects
+from zeroshop_steps.runtime.config_files import config_changes, name_error, read_objects, to_config_word
 from zeroshop_steps.runtime.errors import StepError
 
 HEADER = "dataset\tobject\timages\tmasks\theight_m"
@@ -101,3 +101,13 @@ def test_what_a_config_changes_can_be_given_again(pytestconfig):
     changes = config_changes(copy.deepcopy(config), path, ignored=["targets"])
     given = {key: yaml.safe_load(value) for key, value in (change.split("=", 1) for change in changes)}
     assert given == {"datasets": {"ycbv": {"models_folder": "my models/ycbv"}}, "nvs": {"2dgs": {"train": {"iterations": 30}}}}
+
+
+@pytest.mark.parametrize(
+    "value",
+    ["/home/me/results/objects.tsv", "/s p/ü #1 'q'/objects.tsv", 'a "b".tsv', "'a: b'", "{x}.tsv", {"saliency": {"network": "/a #1/b"}}],
+)
+def test_snakemake_reads_words_of_the_config_as_they_were(value):
+    from snakemake.cli import parse_config
+
+    assert parse_config([to_config_word("some_key", value)]) == {"some_key": value}

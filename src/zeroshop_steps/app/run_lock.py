@@ -1,12 +1,11 @@
 """Free Snakemake's lock on a folder where the run that held it is dead: the computer was switched off, or the run was killed.
 
-Snakemake's lock does not say who holds it, so each run leaves a note of its process, of when that began, and of its machine beside it.
-Where there is no note, or its process may still run, the lock stays.
+Snakemake's lock does not say who holds it, so each run leaves a note of its process, of when that began, and of its machine beside it,
+until it ends. Where there is no note, or its process or another Snakemake may still run there, the lock stays.
 """
 
 import platform
-import subprocess
-from collections.abc import Sequence
+import shutil
 from pathlib import Path
 
 import psutil
@@ -18,19 +17,27 @@ LOCKS = ".snakemake/locks"
 
 
 def note_run(folder: Path, process: int) -> None:
-    """Write down which process of this machine runs Snakemake in a folder."""
+    """Write down which process of this machine runs Snakemake in a folder, unless another run holds its lock."""
+    if any((folder / LOCKS).glob("*.lock")):
+        return
     (folder / NOTE).parent.mkdir(parents=True, exist_ok=True)
     write_json(folder / NOTE, {"machine": platform.node(), "process": process, "began_s": _find_start_s(process)})
 
 
-def free_dead_lock(folder: Path, command: Sequence[str]) -> bool:
-    """Unlock a folder by Snakemake's `command` if the run that was noted there is dead; whether that was done."""
+def remove_note(folder: Path, process: int) -> None:
+    """Remove the note of a process that ended, and with it its lock: a later lock is another run's."""
+    if (folder / NOTE).is_file() and read_json(folder / NOTE)["process"] == process:
+        (folder / NOTE).unlink()
+
+
+def free_dead_lock(folder: Path) -> bool:
+    """Unlock a folder, as Snakemake's `--unlock` does, if the run that was noted there is dead; whether that was done."""
     if not (folder / NOTE).is_file() or not any((folder / LOCKS).glob("*.lock")):
         return False
     note = read_json(folder / NOTE)
-    if note["machine"] != platform.node() or _may_run(note["process"], note.get("began_s")):
+    if note["machine"] != platform.node() or _may_run(note["process"], note.get("began_s")) or _is_in_use(folder):
         return False
-    subprocess.run([*command, "--unlock"], check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    shutil.rmtree(folder / LOCKS)
     return True
 
 
@@ -48,3 +55,12 @@ def _find_start_s(process: int) -> float | None:
         return None if found.status() == psutil.STATUS_ZOMBIE else float(found.create_time())
     except psutil.NoSuchProcess:
         return None
+
+
+def _is_in_use(folder: Path) -> bool:
+    """Whether a Snakemake of this machine works in a folder: one that the user called, too, which leaves no note."""
+    for process in psutil.process_iter(["cmdline", "cwd"]):
+        command, place = process.info["cmdline"] or [], process.info["cwd"]
+        if place and any(Path(word).name == "snakemake" for word in command[:3]) and Path(place) == folder.resolve():
+            return True
+    return False

@@ -84,10 +84,10 @@ def name_photos(line: str, folder: Path) -> str:
 def find_reason(log: Path) -> list[str]:
     """The errors that the steps of a failed run ended with, from Snakemake's report; its last lines where none is marked."""
     lines = [re.sub(r"\x1b\[[0-9;]*m", "", line).strip() for line in log.read_text(errors="replace").splitlines()]
-    errors = [line.partition("error: ")[2] for line in lines if line.startswith("error: ")]
+    errors = [line.partition("rror: ")[2] for line in lines if line.startswith(("error: ", "StepError: "))]
     if errors:
         return list(dict.fromkeys(errors))
     if any("LockException" in line or "cannot be locked" in line for line in lines):
-        return ["another run works in this folder; wait for it, or, if none does, run `snakemake --unlock` there"]
+        return ["another run works in this folder; wait for it, or, if none does, delete .snakemake/locks there"]
     marked = [index for index, line in enumerate(lines) if "Error" in line or "Exception" in line]
     return [line for line in lines[(marked[0] if marked else -5) :] if line][:5]

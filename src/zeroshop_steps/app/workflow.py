@@ -17,14 +17,14 @@ from rich.text import Text
 
 from snakemake_logger_plugin_zeroshop import EVENTS_FD
 from zeroshop_steps.app.project_folders import find_project, find_weights_home
-from zeroshop_steps.app.run_lock import free_dead_lock, note_run
+from zeroshop_steps.app.run_lock import free_dead_lock, note_run, remove_note
 from zeroshop_steps.methods import BY_GIVEN_CAMERAS, REGISTRATIONS
 from zeroshop_steps.networks.mobile_sam.choice import DEFAULT as DEFAULT_SEGMENTER
 from zeroshop_steps.networks.mobile_sam.choice import find_segmenter
 from zeroshop_steps.networks.saliency.salient_networks import DEFAULT, NETWORKS, NONE, find_network
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.plan.captures import JOINED_PHOTOS, WHOLE_SCENE
-from zeroshop_steps.runtime.config_files import read_yaml
+from zeroshop_steps.runtime.config_files import read_yaml, to_config_word
 from zeroshop_steps.runtime.failures import IN_FOLDER, read_failure
 from zeroshop_steps.runtime.files import read_json
 
@@ -150,11 +150,11 @@ def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path, 
     root = find_project()
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(root / "workflow/Snakefile")]
     command += ["--workflow-profile", str(root / "workflow/profiles/default"), "--directory", str(folder), "--cores", str(cores)]
-    changed = [f"{key}={json.dumps(value)}" for key, value in (settings or {}).items()]
-    command += ["--config", f"objects_table={table}", *changed, "--nocolor", "--logger", "zeroshop"]
+    changed = [to_config_word(key, value) for key, value in {"objects_table": str(table), **(settings or {})}.items()]
+    command += ["--config", *changed, "--nocolor", "--logger", "zeroshop"]
     progress = Progress()
     log.parent.mkdir(parents=True, exist_ok=True)
-    if free_dead_lock(folder, command):
+    if free_dead_lock(folder):
         print("The run before this one was cut off; going on where it stopped.", file=sys.stderr)
     events, writable = os.pipe()
     environment = {**os.environ, "PYTHONUNBUFFERED": "1", EVENTS_FD: str(writable)}
@@ -173,6 +173,8 @@ def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path, 
             process.send_signal(signal.SIGINT)
             process.wait()
             raise
+    if process.returncode >= 0:
+        remove_note(folder, process.pid)
     return process.returncode == 0
 
 

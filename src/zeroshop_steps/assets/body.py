@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.assets.body_files import FRAME_TEXT, GENERATED_FRAME_TEXT, RECORD, write_part_obj, write_textured_obj
-from zeroshop_steps.assets.convex_parts import split_convex
+from zeroshop_steps.assets.convex_parts import measure_volume, split_convex
 from zeroshop_steps.assets.mass import find_mass
 from zeroshop_steps.geometry.meshes.mass_properties import Solid, measure_solid
 from zeroshop_steps.geometry.meshes.metric_mesh import add_mesh_arguments, read_metric_mesh
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> None:
             "parts_volume_share": _volume_share(parts, solid),
         }
         write_json(folder / RECORD, facts)
-    size = " x ".join(f"{1000 * extent:.0f}" for extent in np.ptp(metric.mesh.vertices, axis=0))
+    size = " x ".join(f"{1000 * extent:.3g}" for extent in np.ptp(metric.mesh.vertices, axis=0))
     print(f"body: {size} mm, {mass.mass_kg:.3g} kg ({mass.source}), {len(parts)} convex parts", file=sys.stderr)
 
 
@@ -78,4 +78,4 @@ def check_inertia(inertia: np.ndarray, name: str) -> np.ndarray:
 
 def _volume_share(parts: list, solid: Solid) -> float:
     """Volume of all parts together over that of the mesh; above 1 where they fill hollows or overlap."""
-    return round(sum(measure_solid(part, "a convex part").volume for part in parts) / solid.volume, 4)
+    return round(sum(map(measure_volume, parts)) / solid.volume, 4)

@@ -47,9 +47,9 @@ def split_convex(mesh: Mesh, threshold: float, most_parts: int, seed: int, load:
         decimate=True,
         seed=seed,
     )
-    parts = sorted([_hull(np.asarray(corners, float)) for corners, _ in found], key=lambda part: -_volume(part))
-    least_m3 = max(SLIVER * _volume(mesh), SLIVER_M3)
-    return [part for part in parts if _volume(part) > least_m3] or parts[:1]
+    parts = sorted([_hull(np.asarray(corners, float)) for corners, _ in found], key=lambda part: -measure_volume(part))
+    least_m3 = max(SLIVER * measure_volume(mesh), SLIVER_M3)
+    return [part for part in parts if measure_volume(part) > least_m3] or parts[:1]
 
 
 def _simplify(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
@@ -68,10 +68,12 @@ def _hull(corners: np.ndarray) -> Mesh:
     """The convex hull of (N, 3) points, faces counter-clockwise from outside."""
     import trimesh
 
-    hull = trimesh.convex.convex_hull(corners)
+    with np.errstate(divide="ignore", invalid="ignore"):  # flat parts have no centre of mass
+        hull = trimesh.convex.convex_hull(corners)
     return Mesh(np.asarray(hull.vertices, float), np.asarray(hull.faces, np.int64))
 
 
-def _volume(part: Mesh) -> float:
+def measure_volume(part: Mesh) -> float:
+    """What a closed mesh encloses, also one that is flat."""
     corners = part.vertices[part.faces]
     return float(np.einsum("nd,nd->n", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6)

@@ -1,5 +1,7 @@
 """Read a mask of the user whatever its values: a cut-out, a palette, two levels of any brightness, or a soft edge between them."""
 
+import contextlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,8 +35,22 @@ class UserMask:
     kind: str = ""
 
 
-def read_user_mask(path: Path, photo_path: Path, photo: PhotoPixels) -> UserMask:
+def are_drawn_upright(masks: Mapping[Path, Path]) -> bool:
+    """Whether masks, by their photos, are drawn on photos as they are shown: by those whose photo was turned to its side, which shows."""
+    for photo, mask in masks.items():
+        with contextlib.suppress(StepError), open_picture(photo) as image, open_picture(mask) as drawn:
+            turned = image.getexif().get(ExifTags.Base.Orientation) in TRANSPOSED and ExifTags.Base.Orientation not in drawn.getexif()
+            if turned and _agree(drawn.size, image.size[::-1]) and not _agree(drawn.size, image.size):
+                return True
+    return False
+
+
+def read_user_mask(path: Path, photo_path: Path, photo: PhotoPixels, upright: bool = False) -> UserMask:
     """The mask of a photo; drawn on the photo as it is stored or as it is shown, of its size or of another one of its aspect.
+
+    Args:
+        path, photo_path, photo: the mask's file, the photo's, and what is in that.
+        upright: whether a mask that fits both ways is drawn on the photo as it is shown.
 
     Raises:
         StepError: it cannot be read, has the wrong size, or shows nothing or neither of two levels.
@@ -42,7 +58,7 @@ def read_user_mask(path: Path, photo_path: Path, photo: PhotoPixels) -> UserMask
     with open_picture(path) as image:
         mask, kind = _find_object(image, path, photo_path)
         own_orientation = int(image.getexif().get(ExifTags.Base.Orientation, UPRIGHT))
-    mask, scaled = _fit(mask, own_orientation, path, photo_path, photo)
+    mask, scaled = _fit(mask, own_orientation, path, photo_path, photo, upright)
     return UserMask(path, mask, ", ".join(filter(None, (kind, scaled))))
 
 
@@ -113,32 +129,34 @@ def _halve(dark: float, bright: float) -> float:
     return MIDDLE if dark < BLACK and WHITE < bright <= 255 else (dark + bright) / 2
 
 
-def _fit(mask: np.ndarray, own_orientation: int, path: Path, photo_path: Path, photo: PhotoPixels) -> tuple[np.ndarray, str]:
+def _fit(mask: np.ndarray, own_orientation: int, path: Path, photo_path: Path, photo: PhotoPixels, upright: bool) -> tuple[np.ndarray, str]:
     """A mask as stored, upright and of its photo's size as it is used, and whether it was scaled, in words."""
     stored_px, drawn_px = photo.stored_px, mask.shape[::-1]
     shown_px = stored_px[::-1] if photo.orientation in TRANSPOSED else stored_px
     shown, turned = None, ""
+    as_stored = drawn_px == stored_px or (drawn_px != shown_px and _agree(drawn_px, stored_px))
+    as_shown = drawn_px == shown_px or (drawn_px != stored_px and _agree(drawn_px, shown_px))
     if own_orientation != UPRIGHT:
-        upright = turn_upright(mask, own_orientation)
-        shown = upright if _agree(upright.shape[::-1], shown_px) else None
-    elif drawn_px == stored_px == shown_px and photo.orientation != UPRIGHT:
-        shown = turn_upright(mask, photo.orientation)
-        turned = f"drawn on the photos before they are turned (EXIF orientation {photo.orientation})"
-    elif drawn_px == stored_px or (drawn_px != shown_px and _agree(drawn_px, stored_px)):
-        shown = turn_upright(mask, photo.orientation)
-    elif _agree(drawn_px, shown_px):
+        own = turn_upright(mask, own_orientation)
+        shown = own if _agree(own.shape[::-1], shown_px) else None
+    elif as_shown and (upright or not as_stored):
         shown = mask
+    elif as_stored:
+        shown = turn_upright(mask, photo.orientation)
+        if as_shown and photo.orientation != UPRIGHT:
+            turned = f"drawn on the photos before they are turned (EXIF orientation {photo.orientation})"
     if shown is None:
         hint = " (one of the two is stored turned: export both again)" if _agree(drawn_px, stored_px[::-1]) else ""
         raise StepError(
             f"mask {path} is {drawn_px[0]} x {drawn_px[1]} px, its image {photo_path.name} is {stored_px[0]} x {stored_px[1]} px;"
             f" they must be equal, or have one aspect{hint}"
         )
-    scaled = turned if sorted(drawn_px) == sorted(stored_px) else f"scaled from {drawn_px[0]} x {drawn_px[1]} px to the photo's size"
+    if sorted(drawn_px) != sorted(stored_px):
+        turned = ", ".join(filter(None, (turned, f"scaled from {drawn_px[0]} x {drawn_px[1]} px to the photo's size")))
     if shown.shape[::-1] == photo.size_px:
-        return shown, scaled
+        return shown, turned
     how = Image.Resampling.BOX if shown.shape[1] > photo.size_px[0] else Image.Resampling.BILINEAR
-    return np.asarray(Image.fromarray(shown.astype(np.uint8) * 255).resize(photo.size_px, how)) > MIDDLE, scaled
+    return np.asarray(Image.fromarray(shown.astype(np.uint8) * 255).resize(photo.size_px, how)) > MIDDLE, turned
 
 
 def _agree(one_px: tuple[int, ...], other_px: tuple[int, ...]) -> bool:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from pi_heif import register_heif_opener
 from PIL import ExifTags, Image, ImageOps
+from PIL.JpegImagePlugin import JpegImageFile
 from PIL.TiffImagePlugin import IFDRational
 
 from zeroshop_steps.geometry.imaging.image_files import FORMATS, check_kind, check_size, list_folder
@@ -39,6 +40,7 @@ class PhotoPixels:
         stored_as: its format, as Pillow calls it.
         orientation: how it is stored, as EXIF counts (1 is upright).
         exif: its tags, without the orientation, for its size as it is used.
+        step: mean step of a JPEG's quantization, in levels; 0 for other formats.
     """
 
     pixels: np.ndarray
@@ -46,6 +48,7 @@ class PhotoPixels:
     stored_as: str
     orientation: int
     exif: Image.Exif
+    step: float
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -91,6 +94,7 @@ def read_photo(path: Path, max_side_px: int) -> PhotoPixels:
     """
     with open_picture(path) as image:
         stored_px, stored_as = image.size, str(image.format)
+        step = float(np.mean(next(iter(image.quantization.values()), [0]))) if isinstance(image, JpegImageFile) else 0.0
         check_size(path, stored_px)
         if image.mode == "F":
             raise StepError(
@@ -103,7 +107,7 @@ def read_photo(path: Path, max_side_px: int) -> PhotoPixels:
         upright = ImageOps.exif_transpose(image)
         exif = upright.getexif()
         _scale_pixel_tags(exif, max(upright.size) / max(stored_px))
-        return PhotoPixels(_to_rgb(upright), stored_px, stored_as, orientation, exif)
+        return PhotoPixels(_to_rgb(upright), stored_px, stored_as, orientation, exif, step)
 
 
 @contextlib.contextmanager

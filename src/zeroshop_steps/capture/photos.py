@@ -7,29 +7,26 @@ Photos that cannot be used are left out and named, as long as enough are left; o
 """
 
 import argparse
-import math
 import time
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from zeroshop_steps.capture.cameras_json import FILE, read_given_cameras
+from zeroshop_steps.capture.copies import Encoding, describe_encoding, find_twins, find_worse_copies
 from zeroshop_steps.capture.frame_quality import (
     collect_image_warnings,
     draw_contact_sheet,
-    is_copy,
     look_alike,
-    make_thumbnail,
     measure_edge_blur_px,
     measure_level,
     measure_sharpness,
     write_capture_record,
 )
 from zeroshop_steps.capture.mask_faults import check_polarity, find_mask_fault, is_cut_off
-from zeroshop_steps.capture.mask_files import UserMask, read_user_mask
+from zeroshop_steps.capture.mask_files import UserMask, are_drawn_upright, read_user_mask
 from zeroshop_steps.capture.mask_names import MaskNames, find_masks, split_masks
 from zeroshop_steps.capture.photo_files import MAX_SIDE_PX, choose_suffix, is_cut_out, list_photos, read_photo, write_upright
 from zeroshop_steps.capture.selection import find_blurred, thin_out
@@ -51,7 +48,7 @@ class Photo:
         path: the user's file.
         size_px: (width, height) as it is used: upright and reduced.
         mask: of its size; None where the capture has no masks.
-        thumbnail: small float32 grey picture, for comparing photos.
+        encoding: how it was saved, for comparing photos.
         descriptors: of a few features, for choosing among many photos; None where all are taken.
         sharpness, level, blur_px: as `frame_quality.collect_image_warnings` wants them.
     """
@@ -59,7 +56,7 @@ class Photo:
     path: Path
     size_px: tuple[int, int]
     mask: UserMask | None
-    thumbnail: np.ndarray
+    encoding: Encoding
     descriptors: np.ndarray | None
     sharpness: float
     level: float
@@ -115,10 +112,10 @@ def import_photos(
     problems = [f"photos in a format that cannot be read: {_join_names([path.name for path in odd])}; export them as JPEG"] if odd else []
     names = None if masks is None else find_masks(paths, Path(masks))
     warnings = _tell_masks(names, beside, images)
-    photos = []
+    photos, upright = [], names is not None and are_drawn_upright(names.found)
     for path in paths:
         try:
-            photos.append(_read(path, names, Path(masks or images), max_side_px, len(paths) > most_images))
+            photos.append(_read(path, names, Path(masks or images), max_side_px, len(paths) > most_images, upright))
         except StepError as error:
             problems.append(str(error))
     check_polarity([(photo.path.name, photo.mask) for photo in photos], Path(masks or images))
@@ -165,17 +162,17 @@ def _write(photos: list[Photo], max_side_px: int, out: Path, facts: dict, start_
         write_capture_record(folder, sizes, sharpnesses, levels, [photo.blur_px for photo in photos], facts)
 
 
-def _read(path: Path, names: MaskNames | None, masks: Path, max_side_px: int, describe: bool) -> Photo:
+def _read(path: Path, names: MaskNames | None, masks: Path, max_side_px: int, describe: bool, upright: bool) -> Photo:
     photo = read_photo(path, max_side_px)
     image = photo.pixels
     mask = None
     if names is not None:
         if path not in names.found:
             raise StepError(f"image {path} has no mask: {names.expect(path, masks)}; draw one, 255 on the object and 0 elsewhere")
-        mask = read_user_mask(names.found[path], path, photo)
+        mask = read_user_mask(names.found[path], path, photo, upright)
     descriptors = describe_view(image) if describe else None
     facts = (measure_sharpness(image), measure_level(image), measure_edge_blur_px(image))
-    return Photo(path, photo.size_px, mask, make_thumbnail(image), descriptors, *facts)
+    return Photo(path, photo.size_px, mask, describe_encoding(path, photo), descriptors, *facts)
 
 
 def _tell_masks(names: MaskNames | None, beside: list[Path], images: Path) -> list[str]:
@@ -191,7 +188,7 @@ def _tell_masks(names: MaskNames | None, beside: list[Path], images: Path) -> li
 def _leave_out(photos: list[Photo], min_images: int, most_images: int) -> tuple[list[Photo], list[str]]:
     """Without copies of photos and those that are much more blurred than the others, and at most `most_images`; warnings name these."""
     warnings = []
-    copies = _find_worse_copies(photos)
+    copies = find_worse_copies([photo.encoding for photo in photos])
     if copies and len(photos) - len(copies) >= min_images:
         # Matches between copies do not move, as those of a background that stands still while the object turns.
         warnings.append(f"left out, copies of other photos: {_name_twins(photos, copies)}")
@@ -216,7 +213,7 @@ def _leave_out(photos: list[Photo], min_images: int, most_images: int) -> tuple[
 def _find_view_problems(photos: list[Photo], min_images: int) -> tuple[list[str], list[str]]:
     """Problems and warnings that only the set of photos shows: copies of one view, and the object cut off."""
     problems, warnings = [], []
-    alike = _find_twins(photos, lambda one, other: look_alike(one.thumbnail, other.thumbnail))
+    alike = find_twins([photo.encoding.thumbnail for photo in photos], look_alike)
     distinct = len(photos) - len(alike)
     if distinct < min_images:
         problems.append(
@@ -232,36 +229,6 @@ def _find_view_problems(photos: list[Photo], min_images: int) -> tuple[list[str]
         missing = "; a part that no photo shows will be missing, step back to have all of it" if len(photos) - len(cut) < min_images else ""
         warnings.append(f"the object is cut off at the border in {len(cut)} of {len(photos)} images: {_join_names(cut)}{missing}")
     return problems, warnings
-
-
-def _find_twins(photos: list[Photo], alike: Callable[[Photo, Photo], bool]) -> dict[int, int]:
-    """The numbers of the photos that are like one before, and the number of that."""
-    twins: dict[int, int] = {}
-    for number, photo in enumerate(photos):
-        before = (other for other in range(number) if other not in twins and alike(photo, photos[other]))
-        if (twin := next(before, None)) is not None:
-            twins[number] = twin
-    return twins
-
-
-def _find_worse_copies(photos: list[Photo]) -> dict[int, int]:
-    """The numbers of the photos of which another encoding is better, and that of the best: of more pixels, or else lossless, or sharper."""
-
-    def rank(number: int) -> tuple[int, bool, float]:
-        # The edges of its blocks make a bad JPEG look sharp.
-        return math.prod(photos[number].size_px), choose_suffix(photos[number].path) == ".png", photos[number].sharpness
-
-    groups: dict[int, list[int]] = {}
-    for number, twin in _find_twins(photos, _are_one_photo).items():
-        groups.setdefault(twin, [twin]).append(number)
-    best = [max(group, key=rank) for group in groups.values()]
-    return {number: kept for kept, group in zip(best, groups.values(), strict=True) for number in group if number != kept}
-
-
-def _are_one_photo(one: Photo, other: Photo) -> bool:
-    """Whether two files are of one photo. Encodings that differ much are told from photos of the same view by their common name."""
-    likes = look_alike if one.path.stem.casefold() == other.path.stem.casefold() else is_copy
-    return likes(one.thumbnail, other.thumbnail)
 
 
 def _name_twins(photos: list[Photo], twins: dict[int, int]) -> str:

@@ -144,8 +144,9 @@ class Captures(Datasets):
             return row[column]
         path = self.relative(row[column])
         if not has_plain_name(path):
+            shown = row[column].encode(errors="backslashreplace").decode()
             raise StepError(
-                f"{self.row_name(wildcards)}: the path of its {column}, {ascii(row[column])}, holds braces or is not UTF-8; rename the"
+                f"{self.row_name(wildcards)}: the path of its {column}, {shown}, holds braces or is not UTF-8; rename the"
                 " folder or the video with plain letters and digits"
             )
         pictures = column.startswith("images")

@@ -7,6 +7,7 @@ import csv
 import difflib
 import json
 import math
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -94,7 +95,14 @@ def config_changes(config: Mapping[str, Any], defaults_path: Path, ignored: Iter
         ignored: keys that results do not depend on.
     """
     changed = _difference(config, read_yaml(defaults_path))
-    return [f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in changed.items() if key not in set(ignored)]
+    return [to_config_word(key, value) for key, value in changed.items() if key not in set(ignored)]
+
+
+def to_config_word(key: str, value: Any) -> str:
+    """A value of the config as a word for Snakemake's `--config`, which takes quotes off both ends: spaces keep them, and so what is in it
+    that YAML knows, such as ` #`."""
+    text = json.dumps(value, ensure_ascii=False)
+    return f"{key}= {text} " if isinstance(value, str) and not re.fullmatch(r"[\w./-]*", value) else f"{key}={text}"
 
 
 def _difference(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ import numpy as np
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, number_edges
 from zeroshop_steps.runtime.errors import StepError
 
+LEAST_THICKNESS = 1e-7  # of the body's size, by volume and area: coordinates of files are rounded by as much
 TO_CLOSE = "The underside and all holes are closed by default; finish: {underside: closed, holes: closed} in the config does it"
 
 
@@ -47,15 +48,20 @@ def measure_solid(mesh: Mesh, name: str) -> Solid:
         name: of its file, for messages.
 
     Raises:
-        StepError: the mesh has open edges, or is turned inside out.
+        StepError: the mesh has open edges, no thickness, or is turned inside out.
     """
     import trimesh
 
     opened = count_open_edges(mesh)
     if opened:
         raise StepError(f"{name} is open ({opened} edges have one face only), so it has no volume and no inertia. {TO_CLOSE}")
-    found = trimesh.triangles.mass_properties(mesh.vertices[mesh.faces], density=1.0)
+    corners = mesh.vertices[mesh.faces]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = trimesh.triangles.mass_properties(corners, density=1.0)
     volume = float(found.volume)
+    area = float(np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2)
+    if abs(volume) <= LEAST_THICKNESS * area**1.5:
+        raise StepError(f"{name} has no thickness: it encloses nothing, so it has no inertia; make it as thick as the thing is")
     if volume <= 0:
         raise StepError(f"{name} is inside out: its volume is {volume:.4g}; turn its faces, counter-clockwise seen from outside")
     return Solid(volume, np.asarray(found.center_mass, float), np.asarray(found.inertia, float))
