@@ -24,8 +24,8 @@ from torch import nn
 from zeroshop_steps import methods
 from zeroshop_steps.networks import weights
 from zeroshop_steps.networks.drive import DriveFile
-from zeroshop_steps.networks.weights import WeightsFile, fetch_weights, load_strictly, read_table, require_weights
 from zeroshop_steps.networks.package_files import PackageFile
+from zeroshop_steps.networks.weights import WeightsFile, fetch_weights, load_strictly, read_table, require_weights
 from zeroshop_steps.runtime.downloads import download
 from zeroshop_steps.runtime.errors import StepError
 
