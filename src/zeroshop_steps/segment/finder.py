@@ -183,7 +183,7 @@ def _cut_out(
     without: Sequence[str],
     rival: float | None,
 ) -> Iterator[Hypothesis]:
-    """Masks of the object of this number, and of one that the user meant also in longer rooms; `odds`, (h, w), found it.
+    """Masks of the object of this number, also in longer rooms where it reaches the end of one; `odds`, (h, w), found it.
 
     `rival` is how likely another one is meant; None where the user said which, and it does not matter what the network sees in the photos.
     """
@@ -201,12 +201,13 @@ def _cut_out(
             if settled is not None and abs(settled.offset - closer_support.offset) > SETTLED * scene.focus[1]:
                 solution = solve(closer_scene, replace(settled, distance=closer_support.distance), block, votes, without)
         qualities = compare_with_hull([mask > 0.5 for mask in solution.masks], solution.hulls)
-        measures = measure(closer_scene, solution, qualities, rival or 0.0)
+        longer = fit_room(found, room, solution.grid, solution.occupied)
+        truncated = longer is not None and longer.reach is not longer.own
+        measures = measure(closer_scene, solution, qualities, rival or 0.0, truncated)
         if rival is None:
             measures = replace(measures, network_difference=0.0)
         yield Hypothesis(candidate, settled is not None, closer_scene, solution, qualities, measures, score(measures), found.count)
-        # Longer rooms are for an object that is known to be meant: each is one more chance for what lies below or beside it.
-        room = fit_room(found, room, solution.grid, solution.occupied) if rival is None else None
+        room = longer
 
 
 def find_motion(scene: MaskScene, candidate: Candidate) -> str:

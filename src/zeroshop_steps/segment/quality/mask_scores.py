@@ -47,6 +47,7 @@ class Measures:
             median photo; 0 without it.
         points_missed: of the sparse points that are connected with those of the object, the share outside its hull.
         points_contradicted: of the sparse points that masks show, the share that lies elsewhere in space.
+        truncated: 1 where the hull reaches the end of the room in which it was searched for, so a part may lie beyond it.
         cut_off: how much of the photo's border the mask covers, of the square root of its area, in the median photo.
     """
 
@@ -58,6 +59,7 @@ class Measures:
     prompted_difference: float
     points_missed: float
     points_contradicted: float
+    truncated: float
     cut_off: float
 
 
@@ -70,12 +72,20 @@ REASONS = {
     "prompted_difference": "Segment Anything cuts something else out of the photos",
     "points_missed": "sparse points of the object lie outside the masks",
     "points_contradicted": "the masks show points of other things",
+    "truncated": "the object goes on beyond where it was found",
     "cut_off": "the object is cut off at the border of most photos",
 }
 
 
-def measure(scene: MaskScene, solution: Solution, qualities: Sequence[MaskQuality], rival: float) -> Measures:
-    """Measure the masks of a solution; `qualities` compare them with their hull, and `rival` is how likely another object is meant."""
+def measure(scene: MaskScene, solution: Solution, qualities: Sequence[MaskQuality], rival: float, truncated: bool) -> Measures:
+    """Measure the masks of a solution.
+
+    Args:
+        scene, solution: what was cut, and how.
+        qualities: the masks compared with their hull.
+        rival: how likely another object is meant.
+        truncated: whether the hull reaches the end of its room.
+    """
     masks = [mask > 0.5 for mask in solution.masks]
     difference = 0.0
     looks = [maps for maps in (scene.saliency, scene.closer_saliency) if maps is not None]
@@ -95,6 +105,7 @@ def measure(scene: MaskScene, solution: Solution, qualities: Sequence[MaskQualit
         prompted_difference=_measure_prompted(scene, solution, masks),
         points_missed=_measure_missed(scene, solution),
         points_contradicted=_measure_contradicted(scene, solution, masks),
+        truncated=float(truncated),
         cut_off=float(np.median([_measure_cut_off(mask, quality) for mask, quality in zip(masks, qualities, strict=True)])),
     )
 
