@@ -35,7 +35,7 @@ from zeroshop_steps.segment.support import Candidate, propose_supports, settle_s
 from zeroshop_steps.segment.support_voxels import VoxelGrid, count_votes, render_silhouettes
 
 WIDTH_PX = 480  # masks are cut at this width at most; time grows with its square
-SURE, LEAST = 0.85, 0.82
+SURE, LEAST = 0.85, 0.77
 """The probability from which on no other hypothesis is tried, and below which masks are refused: the least that refuses all masks of the
 tune half which overlap with the truth by less than 0.8."""
 MOST_ROOMS = 4  # that are tried for an object
