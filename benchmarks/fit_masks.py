@@ -26,7 +26,7 @@ from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.segment.cues import fusion
 from zeroshop_steps.segment.finder import Hypothesis, try_support
 from zeroshop_steps.segment.objects import NothingFound
-from zeroshop_steps.segment.prompts import PromptedSegmenter
+from zeroshop_steps.segment.outlines.prompts import PromptedSegmenter
 from zeroshop_steps.segment.quality import mask_scores
 from zeroshop_steps.segment.support import propose_supports
 

@@ -18,9 +18,9 @@ from zeroshop_steps.segment import mask_hull
 from zeroshop_steps.segment.cues import fusion
 from zeroshop_steps.segment.finder import WIDTH_PX, try_support
 from zeroshop_steps.segment.objects import NothingFound
+from zeroshop_steps.segment.outlines.prompts import PromptedSegmenter
 from zeroshop_steps.segment.outlines.windows import Window
 from zeroshop_steps.segment.photometry.exposure import estimate_exposure
-from zeroshop_steps.segment.prompts import PromptedSegmenter
 from zeroshop_steps.segment.scene import Guess, MaskScene, read_mask_scene, start_guess
 from zeroshop_steps.segment.support import propose_supports
 

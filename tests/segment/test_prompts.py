@@ -8,9 +8,9 @@ import pytest
 from helpers.table_scene import ball_mask, table_views
 from zeroshop_steps.networks.mobile_sam.model import Features
 from zeroshop_steps.segment.cues import prompted
+from zeroshop_steps.segment.outlines.prompts import POINTS, PromptedSegmenter, find_inner_points
 from zeroshop_steps.segment.outlines.windows import Window
 from zeroshop_steps.segment.photometry.exposure import Exposure
-from zeroshop_steps.segment.prompts import POINTS, PromptedSegmenter, find_inner_points
 from zeroshop_steps.segment.scene import Hull, read_mask_scene, start_guess
 
 BALL, COUNT = (0.0, 0.0, 0.5), 8

@@ -30,14 +30,13 @@ for name, (datasets, joined, folder, says) in REGISTERED.items():
             # The method that the command runs: of a preset, the one that it belongs to.
             method=lambda wildcards: Path(plan.registration(wildcards).step).suffix[1:],
             options=plan.registration_options,
-            verdict=plan.verdict_option,
             scene=plan.registered_scene,
             weights=plan.registration_weights,
         message:
             f"{says} {{wildcards.registration}}"
         shell:
             "python -m zeroshop_steps.register --method {params.method} --capture {input.capture}"
-            " --scene {params.scene} {params.options} {params.verdict} --threads {threads} --out {output}"
+            " --scene {params.scene} {params.options} --threads {threads} --out {output}"
             " --record-failure {output}/"
             f"{AND_REFUSALS}"
             " > {log} 2>&1"

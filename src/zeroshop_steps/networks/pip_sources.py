@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 
-def download_sources(requirement: str, folder: Path) -> Path:
+def download_sources(folder: Path, requirement: str) -> Path:
     """The archive of NAME==VERSION in `folder`; SystemExit says why there is none."""
     from pip._internal.commands.download import DownloadCommand
     from pip._internal.network.download import Downloader
@@ -27,4 +27,4 @@ def download_sources(requirement: str, folder: Path) -> Path:
 
 
 if __name__ == "__main__":
-    download_sources(sys.argv[1], Path(sys.argv[2]))
+    download_sources(Path(sys.argv[1]), sys.argv[2])

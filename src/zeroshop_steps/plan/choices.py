@@ -131,7 +131,14 @@ class Choices(Captures):
             return ""
         weights = f"--weights {methods.WEIGHTS_FOLDER / method.weights[0]} " if method.preset and not options.get("weights") else ""
         network = self.network_options(self.registration_network(wildcards))
-        return weights + self.options({**options, **network, "seed": self.config["seed"]})
+        own = weights + self.options({**options, **network, "seed": self.config["seed"]})
+        return f"{own} {self.verdict_option(wildcards)}".rstrip()
+
+    def verdict_option(self, wildcards: Wildcards) -> str:
+        """The option that says when estimated cameras are refused; none for true ones."""
+        if self.registration(wildcards).true_cameras:
+            return ""
+        return self.options({"max_wrong_probability": self.config["register"]["max_wrong_probability"]})
 
     def registration_network(self, wildcards: Wildcards) -> Path | None:
         """The salient-object network by which the registration masks photos; None where it uses none, or the photos have masks."""
@@ -178,6 +185,8 @@ class Choices(Captures):
     def _segmentation_options(self, wildcards: Wildcards, name: str) -> str:
         method, network = self.segmentations[name], self._mask_network(name)
         options = {**self.section("segment", name), **self.network_options(network), "seed": self.config["seed"]}
+        if method.saliency:
+            options["segmenter"] = shlex.quote(self._name_segmenter())
         if method.prompt:
             options["prompt"] = shlex.quote(self.row(wildcards)["prompt"] or options["prompt"])
         return self.options(options)
@@ -185,17 +194,17 @@ class Choices(Captures):
     def _mask_network(self, name: str) -> Path | None:
         return self.salient_network(needed=True) if self.segmentations[name].saliency else None
 
-    def _segmenter(self) -> Path | None:
-        """The file of Segment Anything, as the step is given it."""
+    def _name_segmenter(self) -> str:
+        """Segment Anything as the step is given it: a name, or a file as seen from the working directory."""
         named = self.config["segment"]["saliency"]["segmenter"]
-        return segmenter_path(named if named in (DEFAULT, NONE) else str(self.relative(named)))
+        return str(named if named in (DEFAULT, NONE) else self.relative(named))
 
     def segmentation_weights(self, wildcards: Wildcards) -> list[str]:
         """The files that this method reads its networks from."""
         name = self.mask_method(wildcards)
         if name == GIVEN_MASKS:
             return []
-        segmenter = self._segmenter() if self.segmentations[name].saliency else None
+        segmenter = segmenter_path(self._name_segmenter()) if self.segmentations[name].saliency else None
         return self.weights_stamp("segment", self.segmentations[name], [path for path in (self._mask_network(name), segmenter) if path])
 
     def pictures_with_masks(self, wildcards: Wildcards) -> str:

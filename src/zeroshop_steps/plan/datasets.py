@@ -178,13 +178,6 @@ class Datasets:
         place = self.config["datasets"][wildcards.dataset]["test_folder"]
         return "" if place == "download" else f"--test {self.quoted(place)}"
 
-    def verdict_option(self, wildcards: Wildcards) -> str:
-        """The option that says when estimated cameras are refused; none for true cameras, or a method without options."""
-        options, method = self.config["register"], methods.REGISTRATIONS.get(wildcards.registration)
-        if method is None or method.true_cameras or not options.get(method.name):
-            return ""
-        return self.options({"max_wrong_probability": options["max_wrong_probability"]})
-
     def mass_options(self, wildcards: Wildcards) -> str:
         """The options of a rigid body: the object's mass, from its row or the config, or the usual density."""
         options = self.config["assets"]

@@ -27,7 +27,6 @@ from zeroshop_steps.register.scene.image_set import ImageSet, read_masks
 from zeroshop_steps.register.scene.lenses import import_images
 from zeroshop_steps.register.scene.record import Record, RegistrationFailed, Stopwatch, describe_lenses, describe_model, find_missing
 from zeroshop_steps.register.scene.undistortion import undistort
-from zeroshop_steps.register.silhouettes.epipolar_tangency import Outlines
 from zeroshop_steps.register.silhouettes.model_adjustment import adjust_model_by_silhouettes
 from zeroshop_steps.register.silhouettes.pose_alternatives import find_alternatives, mirror, replace_worst
 from zeroshop_steps.register.silhouettes.pose_fit import SilhouetteFit, adjust, describe_fit
@@ -43,6 +42,7 @@ from zeroshop_steps.register.silhouettes.pose_search import (
     search,
     take_outlines,
 )
+from zeroshop_steps.register.silhouettes.view_poses import Outlines
 from zeroshop_steps.register.verification.epipolar_support import count_epipolar_support
 from zeroshop_steps.register.verification.photometric_consistency import check_photometric_consistency
 from zeroshop_steps.register.verification.verdict import verify

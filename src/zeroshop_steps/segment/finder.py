@@ -24,9 +24,9 @@ from zeroshop_steps.segment.objects import (
     fit_room,
     join_fragments,
 )
+from zeroshop_steps.segment.outlines.prompts import PromptedSegmenter
 from zeroshop_steps.segment.outlines.windows import CLOSER, choose_windows, lay_back, scale_windows
 from zeroshop_steps.segment.photometry.exposure import Exposure
-from zeroshop_steps.segment.prompts import PromptedSegmenter
 from zeroshop_steps.segment.quality.mask_quality import MaskQuality, MasksRejected, compare_with_hull, describe_quality
 from zeroshop_steps.segment.quality.mask_scores import REASONS, Measures, Score, measure, score
 from zeroshop_steps.segment.quality.tidy_mask import tidy_mask

@@ -18,7 +18,7 @@ from zeroshop_steps.networks.saliency.salient_networks import DEFAULT
 from zeroshop_steps.networks.saliency.salient_object import add_network_arguments, load_network
 from zeroshop_steps.segment import support_plane
 from zeroshop_steps.segment.finder import WIDTH_PX
-from zeroshop_steps.segment.prompts import PromptedSegmenter
+from zeroshop_steps.segment.outlines.prompts import PromptedSegmenter
 from zeroshop_steps.segment.quality.mask_agreement import assess_masks
 from zeroshop_steps.segment.quality.mask_quality import check_enough_good, describe_quality
 from zeroshop_steps.segment.record import add_common_arguments

@@ -16,11 +16,12 @@ from zeroshop_steps.networks.saliency.object_finder import keep_main_thing
 from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
 from zeroshop_steps.segment.ground_picture import GroundPicture, build_ground_picture
+from zeroshop_steps.segment.outlines.prompts import PromptedSegmenter
 from zeroshop_steps.segment.outlines.windows import Window, cut_part, resample_map, take_whole
 from zeroshop_steps.segment.photometry.exposure import Exposure, apply_gain
-from zeroshop_steps.segment.prompts import PromptedSegmenter
 
 KEPT_WIDTH_PX = 1600  # of photos in memory: windows of them are looked at closer, and 60 large photos would not fit
+SHARED = 0.5  # of the other views that show the object at a pixel, for it to be there
 LEAST_RAYS = 3  # photos in which a network sees something, to tell where that is
 
 
@@ -163,6 +164,10 @@ class Hull:
     silhouettes: Sequence[np.ndarray]
     shares: Sequence[np.ndarray]
     others: Sequence[np.ndarray]
+
+    def find_shared(self, index: int) -> np.ndarray:
+        """(h, w) bool: where the other views show the object in this one, most of them."""
+        return np.asarray(self.shares[index] >= SHARED)
 
 
 @dataclass(frozen=True)

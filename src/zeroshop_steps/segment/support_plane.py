@@ -9,8 +9,8 @@ from zeroshop_steps.networks.saliency.saliency_maps import find_maps
 from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.segment.finder import WIDTH_PX, find_masks
 from zeroshop_steps.segment.list_objects import read_center
+from zeroshop_steps.segment.outlines.prompts import PromptedSegmenter
 from zeroshop_steps.segment.photometry.exposure import estimate_exposure
-from zeroshop_steps.segment.prompts import PromptedSegmenter
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
 
 METHOD = {"rank": 2, "in_scene": True, "runtime_min": 60}

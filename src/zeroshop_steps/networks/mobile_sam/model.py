@@ -15,7 +15,7 @@ from zeroshop_steps.networks.weights import load_strictly
 SIDE_PX = 1024  # of the square that an image is scaled into
 FEATURE_PX = 16  # pixels of that square for each feature
 MEAN, DEVIATION = np.array([123.675, 116.28, 103.53], np.float32), np.array([58.395, 57.12, 57.375], np.float32)  # ImageNet's
-NOT_USED = ("image_encoder.head.", "image_encoder.norm_head.", "num_batches_tracked")
+NOT_USED = ("image_encoder.head.", "image_encoder.norm_head.")
 """Of the published parameters: those of the classes that the encoder was trained on first."""
 RENAMED = (
     (r"prompt_encoder\.pe_layer\.positional_encoding_gaussian_matrix", "prompt_encoder.shared_embedding.positional_embedding"),
@@ -129,7 +129,7 @@ def rename_parameters(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
     """The published parameters by the names of this network."""
     renamed = {}
     for name, tensor in tensors.items():
-        if name.startswith(NOT_USED[:2]):
+        if name.startswith(NOT_USED):
             continue
         for before, after in RENAMED:
             name = re.sub(before, after, name)

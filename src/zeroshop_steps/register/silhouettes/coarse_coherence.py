@@ -6,7 +6,8 @@ Every ray through a rim touches the object, so some point of it lies in all othe
 import numba
 import numpy as np
 
-from zeroshop_steps.register.silhouettes.epipolar_tangency import SIZE, measure_prior, pose_view, pose_views, shift_view
+from zeroshop_steps.register.silhouettes.epipolar_tangency import measure_prior, shift_view
+from zeroshop_steps.register.silhouettes.view_poses import SIZE, pose_view, pose_views
 
 DEPTHS, FINER, LEVELS = 24, 5, 3  # along a ray, within the object; then between the neighbours of the best, so often
 REACH = 1.25  # of the depths, in radii of the object

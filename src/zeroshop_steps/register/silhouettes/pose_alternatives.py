@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from zeroshop_steps.register.silhouettes.coarse_coherence import FARTHEST_PX, measure_misses, try_places
-from zeroshop_steps.register.silhouettes.epipolar_tangency import Outlines, adjust_by_tangents
+from zeroshop_steps.register.silhouettes.epipolar_tangency import adjust_by_tangents
 from zeroshop_steps.register.silhouettes.pose_search import (
     ABOVE_DEG,
     EVERY,
@@ -18,6 +18,7 @@ from zeroshop_steps.register.silhouettes.pose_search import (
     make_places,
     measure_cost,
 )
+from zeroshop_steps.register.silhouettes.view_poses import Outlines
 
 GRID_DEG, FOLLOWED = 10, 8  # places that are looked at for another one of a view, and those of them that are followed
 ABOVE_RANGE_DEG, ANYWHERE_RANGE_DEG = (-10, 80), (-80, 80)

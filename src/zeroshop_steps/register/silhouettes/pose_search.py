@@ -15,8 +15,9 @@ from zeroshop_steps.geometry.cameras.viewpoints import make_intrinsics
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX, ImageSet
 from zeroshop_steps.register.silhouettes.coarse_coherence import measure_misses, try_places
 from zeroshop_steps.register.silhouettes.coherence import choose_rim_pixels
-from zeroshop_steps.register.silhouettes.epipolar_tangency import SIZE, Outlines, adjust_by_tangents, measure_prior, pose_views
+from zeroshop_steps.register.silhouettes.epipolar_tangency import adjust_by_tangents, measure_prior
 from zeroshop_steps.register.silhouettes.rays import make_outline_distance
+from zeroshop_steps.register.silhouettes.view_poses import SIZE, Outlines, pose_views
 
 SMALL_PX = 250  # longer side of the masks' copies
 CORNERS, RIMS = 48, 24  # of an outline

@@ -10,7 +10,6 @@ from zeroshop_steps.segment.scene import Guess, MaskScene
 
 CHANNELS = ("network", "network_agrees", "closer_network", "closer_network_agrees", "network_known")
 LEAST = 0.01  # probability, and the most is 1 less this; networks are more sure of themselves than right
-SHARED = 0.5  # of the other views that show the object at a pixel, to compare with
 
 
 def prepare(scene: MaskScene, guess: Guess) -> Callable[[int], list[np.ndarray]] | None:
@@ -24,7 +23,7 @@ def prepare(scene: MaskScene, guess: Guess) -> Callable[[int], list[np.ndarray]]
     closer = scene.closer_saliency if scene.closer_saliency is not None else whole
 
     def see(index: int) -> list[np.ndarray]:
-        shared = None if guess.hull is None else guess.hull.shares[index] >= SHARED
+        shared = None if guess.hull is None else guess.hull.find_shared(index)
         channels = [channel for maps in (whole, closer) for channel in _rate(maps, index, shared)]
         return [*channels, np.ones_like(whole[index])]
 

@@ -11,7 +11,6 @@ from zeroshop_steps.segment.scene import Guess, MaskScene
 
 CHANNELS = ("boxed", "boxed_agrees", "pointed", "pointed_agrees", "prompted_known")
 MOST_ODDS = 8.0  # of the network; larger ones say no more
-SHARED = 0.5  # of the other views that show the object at a pixel, to ask for it there
 MOST_VIEWS = 24  # that are asked, as each takes seconds; the others learn from the hull
 
 
@@ -26,7 +25,7 @@ def prepare(scene: MaskScene, guess: Guess) -> Callable[[int], list[np.ndarray]]
     asked = set(space_evenly(len(scene.views), MOST_VIEWS))
 
     def see(index: int) -> list[np.ndarray]:
-        shared, camera = hull.shares[index] >= SHARED, scene.cameras[index]
+        shared, camera = hull.find_shared(index), scene.cameras[index]
         if index not in asked or not shared.any():
             return [np.zeros(shared.shape, np.float32)] * len(CHANNELS)
         view, window = scene.views[index], scene.windows[index]
