@@ -47,6 +47,15 @@ def test_the_ground_tells_the_ball(printed):
     assert not channel(stack, "network_known").any() and not channel(stack, "hull").any(), "these know nothing"
 
 
+def test_points_tell_what_is_flat(printed):
+    scene, support, truths = printed
+    see = prepare_channels(scene, start_guess(scene, scene.place(support)))
+    raised = np.stack([channel(see(index), "points_raised") for index in range(len(truths))])
+    assert raised[np.stack(truths)].mean() > 0.3 and raised[~np.stack(truths)].mean() < -0.3
+    guessed = prepare_channels(scene, start_guess(scene, replace(support, inliers=0)))(0)
+    assert not channel(guessed, "points_known").any(), "a guessed plane lies below the ground"
+
+
 def test_cues_that_are_left_out_know_nothing(printed):
     scene, support, _ = printed
     stack = prepare_channels(scene, start_guess(scene, support), without=tuple(CUES))(0)

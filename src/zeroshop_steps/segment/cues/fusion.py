@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
-from zeroshop_steps.segment.cues import MOST_ODDS, ground, hull, network, own_colors, prompted
+from zeroshop_steps.segment.cues import MOST_ODDS, ground, hull, network, own_colors, points, prompted
 from zeroshop_steps.segment.scene import Guess, MaskScene
 
-CUES = {cue.__name__.rpartition(".")[2]: cue for cue in (network, ground, own_colors, hull, prompted)}
+CUES = {cue.__name__.rpartition(".")[2]: cue for cue in (network, ground, points, own_colors, hull, prompted)}
 CHANNELS = tuple(name for cue in CUES.values() for name in cue.CHANNELS)
 WEIGHTS = Path(__file__).with_name("cue_weights.json")
 

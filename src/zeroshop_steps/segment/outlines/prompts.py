@@ -6,12 +6,14 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.imaging.images import compute_overlap
 from zeroshop_steps.networks.mobile_sam.model import Features, MobileSam
 from zeroshop_steps.segment.outlines.windows import Window, cut_part
 
 MARGIN = 0.15  # around a window, of its size, that is encoded with it: windows of later hypotheses lie a little elsewhere
 MOST_LONGER = 2.0  # than a window is one that was encoded before and serves for it
 POINTS = 3  # of the object: one in each of its largest parts
+SAME = 0.98  # overlap of what is asked with what was asked before, from which on the answer is the same
 CLEARANCE = 1.5  # between them, of the distance from a point to the outline
 
 
@@ -21,7 +23,7 @@ class PromptedSegmenter:
     def __init__(self, network: MobileSam) -> None:
         self._network = network
         self._encoded: dict[str, list[tuple[Window, Features]]] = {}
-        self._answers: dict[str, tuple[bytes, np.ndarray]] = {}
+        self._answers: dict[str, tuple[Window, np.ndarray, np.ndarray]] = {}
 
     @property
     def name(self) -> str:
@@ -41,14 +43,14 @@ class PromptedSegmenter:
             `shown`, and of the largest thing that points in it are part of.
         """
         around, features = self._encode(photo, view, window)
+        before = self._answers.get(view.camera.name)
+        if before is not None and before[0] == window and compute_overlap(before[1], shown) >= SAME:
+            return around, before[2]
         box, points = _describe(shown, window, around)
-        asked = np.concatenate([np.ravel(around), box.ravel(), points.ravel()]).tobytes()
-        before, masks = self._answers.get(view.camera.name, (b"", np.empty(0)))
-        if before != asked:
-            boxed = self._network.decode(features, box=box)
-            pointed = self._network.decode(features, points=points, labels=np.ones(len(points)))
-            masks = np.stack([boxed[-1], pointed[-1]])
-            self._answers[view.camera.name] = asked, masks
+        boxed = self._network.decode(features, box=box)
+        pointed = self._network.decode(features, points=points, labels=np.ones(len(points)))
+        masks = np.stack([boxed[-1], pointed[-1]])
+        self._answers[view.camera.name] = window, shown, masks
         return around, masks
 
     def _encode(self, photo: np.ndarray, view: View, window: Window) -> tuple[Window, Features]:

@@ -16,6 +16,7 @@ from scipy import ndimage
 from scipy.special import expit
 
 from zeroshop_steps.geometry.imaging.images import compute_overlap
+from zeroshop_steps.segment.cues import points as points_cue
 from zeroshop_steps.segment.cues import prompted
 from zeroshop_steps.segment.mask_hull import Solution
 from zeroshop_steps.segment.quality.mask_quality import MaskQuality
@@ -28,7 +29,7 @@ CONFIRMED = 0.75
 other, and a part of them with the network, all are confirmed."""
 WEIGHTS = Path(__file__).with_name("score_weights.json")
 RIGHT_OVERLAP = 0.9  # from here on, a mesh lacks no part
-LEAST_CLUSTER = 30  # points; fewer tell nothing about the masks
+LEAST_CLUSTER = 30  # points; fewer tell little about the masks
 AROUND, LINK, LIFTED, PART, FAR = 1.5, 0.12, 0.05, 0.3, 0.15
 """Shares of the object's size: points so near to its middle, so close to each other and so high above the ground may be its own; the
 share of a cluster in the hull that makes it the object's; and how far from the hull a point is not the object's."""
@@ -48,7 +49,7 @@ class Measures:
         prompted_difference: the same of what Segment Anything cuts out in the box around the hull of the other photos, of the median photo;
             0 without it.
         points_missed: of the sparse points that are connected with those of the object, the share outside its hull.
-        points_contradicted: of the sparse points that masks show, the share that lies elsewhere in space.
+        points_contradicted: of the sparse points that masks show, the share that lies elsewhere in space or on the ground.
         truncated: 1 where the hull reaches the end of the room in which it was searched for, so a part may lie beyond it.
         cut_off: how much of the photo's border the mask covers, of the square root of its area, in the median photo.
     """
@@ -73,7 +74,7 @@ REASONS = {
     "network_difference": "the network sees something else than what stands on the ground",
     "prompted_difference": "Segment Anything cuts something else out of the photos",
     "points_missed": "sparse points of the object lie outside the masks",
-    "points_contradicted": "the masks show points of other things",
+    "points_contradicted": "the masks show points of other things or of the ground",
     "truncated": "the object goes on beyond where it was found",
     "cut_off": "the object is cut off at the border of most photos",
 }
@@ -148,14 +149,17 @@ def _measure_contradicted(scene: MaskScene, solution: Solution, masks: Sequence[
     seen, points = scene.model.seen, scene.model.points
     if seen is None:
         return 0.0
-    outside = _find_outside(points, solution)
+    elsewhere = _find_outside(points, solution)
+    raised = points_cue.measure_raised(scene, solution.guess)
+    if raised is not None:
+        elsewhere |= raised == 0
     shown = wrong = 0
     for camera, mask, rows_of_points in zip(scene.cameras, masks, seen, strict=True):
         rows, columns, _, inside = camera.find_pixels(points[rows_of_points])
         on_mask = mask[rows[inside], columns[inside]]
         shown += int(on_mask.sum())
-        wrong += int((on_mask & outside[rows_of_points][inside]).sum())
-    return wrong / max(shown, 1)
+        wrong += int((on_mask & elsewhere[rows_of_points][inside]).sum())
+    return wrong / max(shown, LEAST_CLUSTER)
 
 
 def _find_outside(points: np.ndarray, solution: Solution) -> np.ndarray:
