@@ -11,7 +11,7 @@ import numpy as np
 from zeroshop_steps.geometry.cameras.pinhole import Camera, SparseModel
 from zeroshop_steps.geometry.cameras.ray_convergence import find_nearest_point
 from zeroshop_steps.geometry.cameras.registered_views import View
-from zeroshop_steps.geometry.support.scene_support import SceneSupport, find_scene_focus
+from zeroshop_steps.geometry.support.scene_support import SceneSupport, find_scene_focus, fit_level_planes
 from zeroshop_steps.networks.saliency.object_finder import keep_main_thing
 from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
@@ -82,6 +82,12 @@ class MaskScene:
         if np.median((ways * np.array(rays)).sum(1)) <= 0:
             return focus, distance
         return point, float(np.median(np.linalg.norm(ways, axis=1)))
+
+    @cached_property
+    def lowest_plane(self) -> SceneSupport | None:
+        """The lowest level plane that many sparse points lie on."""
+        planes = fit_level_planes(self.model, list(self.views))
+        return planes[-1] if planes else None
 
     def place(self, support: SceneSupport | None) -> SceneSupport | None:
         """A plane with the scene's focus and distance."""

@@ -12,15 +12,8 @@ from scipy.spatial import cKDTree
 from zeroshop_steps.geometry.cameras.pinhole import SparseModel
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.imaging.channels import take_largest
-from zeroshop_steps.geometry.support.ground_plane import FEW_INLIERS, MIN_CERTAINTY, estimate_up_from_roll
-from zeroshop_steps.geometry.support.scene_support import (
-    THRESHOLD_DISTANCES,
-    SceneSupport,
-    find_scene_focus,
-    fit_scene_support,
-    measure_aside,
-)
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.geometry.support.ground_plane import MIN_CERTAINTY, estimate_up_from_roll
+from zeroshop_steps.geometry.support.scene_support import SceneSupport, find_scene_focus, fit_level_planes, measure_aside
 from zeroshop_steps.segment.ground_picture import build_ground_picture
 from zeroshop_steps.segment.mask_hull import Solution
 from zeroshop_steps.segment.scene import MaskScene
@@ -32,7 +25,6 @@ REACH, ASIDE = 0.5, 0.2  # points farther from the focus, and from the upright l
 ABOVE = 0.1  # a second guess so far above the first is of a table, and not of an object's print above its foot
 LOWEST_PERCENTILE = 3.0  # of the heights; lower points are wrong matches or mirror images
 BELOW = 0.02  # the foot often has no print; a guess lies this far below the lowest points
-RISEN = 0.012  # a plane lies below another one by at least this
 STEPS = (np.arange(-5, 6) * 0.01, np.arange(-4, 5) * 0.002)  # moves of a guess to try, coarse and then fine
 PICTURE = 0.3  # half the side of the square of the plane on which the views are compared
 HIDDEN_PX = 3  # pixels this close to the object do not count: its mask is not exact
@@ -51,23 +43,9 @@ class Candidate:
 def propose_supports(model: SparseModel, views: Sequence[View], seed: int) -> Iterator[Candidate]:
     """The plane that most points lie on, the next one below it, the plane just below the object's own points, and none."""
     views = list(views)
-    fitted = _try_fit(model, views, seed)
-    if fitted is not None:
-        yield Candidate(fitted, True)
-        on_it = np.abs(fitted.heights(model.points)) < THRESHOLD_DISTANCES * fitted.distance
-        rest = SparseModel(model.cameras, model.points[~on_it], model.colors[~on_it], model.track_lengths[~on_it])
-        below = _try_fit(rest, views, seed)
-        if below is not None and below.inliers >= FEW_INLIERS and fitted.heights(below.foot[None])[0] < -RISEN * fitted.distance:
-            yield Candidate(below, True)
+    yield from (Candidate(plane, True) for plane in fit_level_planes(model, views, seed))
     yield from (Candidate(guess, False) for guess in guess_supports(model, views))
     yield Candidate(None, False)
-
-
-def _try_fit(model: SparseModel, views: list[View], seed: int) -> SceneSupport | None:
-    try:
-        return fit_scene_support(model, views, seed)
-    except StepError:
-        return None
 
 
 def guess_supports(model: SparseModel, views: list[View]) -> list[SceneSupport]:

@@ -1,13 +1,13 @@
 """What the object stands on in a whole scene, before it has a mask: the point that all cameras look at and the plane below it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera, SparseModel
 from zeroshop_steps.geometry.cameras.ray_convergence import find_nearest_point
 from zeroshop_steps.geometry.cameras.registered_views import View
-from zeroshop_steps.geometry.support.ground_plane import SMALLEST_TRIANGLE, Plane, propose_ups
+from zeroshop_steps.geometry.support.ground_plane import FEW_INLIERS, SMALLEST_TRIANGLE, Plane, propose_ups
 from zeroshop_steps.runtime.errors import StepError
 
 # Lengths are shares of the cameras' median distance from the focus.
@@ -22,6 +22,7 @@ CAMERAS_ABOVE_SHARE = 0.9  # of the cameras at least are above the support
 MIN_INLIERS = 40  # fewer points are a plane by chance
 OBJECT_DISTANCES = 0.22  # the radius of an object that fills most of the photos' height
 AROUND_SHARE = 0.15  # of the inliers lie beyond it; a plane without them is a flat side of the object itself
+RISEN = 0.012  # a plane lies below another one by at least this
 AT_ONCE = 250  # candidates, for memory
 REFINEMENT_ROUNDS = 10  # of least squares on the current inliers, which settle in fewer
 
@@ -94,6 +95,20 @@ def fit_scene_support(model: SparseModel, views: list[View], seed: int = 0) -> S
     if len(on_plane) < MIN_INLIERS or (aside > OBJECT_DISTANCES * distance).mean() < AROUND_SHARE:
         raise fault
     return SceneSupport(normal, offset, focus, distance, len(on_plane))
+
+
+def fit_level_planes(model: SparseModel, views: list[View], seed: int = 0) -> list[SceneSupport]:
+    """The plane that most sparse points lie on, and the next one if it lies below that; none where `fit_scene_support` finds none."""
+    planes: list[SceneSupport] = []
+    try:
+        planes.append(first := fit_scene_support(model, views, seed))
+        rest = np.abs(first.heights(model.points)) >= THRESHOLD_DISTANCES * first.distance
+        below = fit_scene_support(replace(model, points=model.points[rest], seen=None), views, seed)
+    except StepError:
+        return planes
+    if below.inliers >= FEW_INLIERS and first.heights(below.foot[None])[0] < -RISEN * first.distance:
+        planes.append(below)
+    return planes
 
 
 def find_focus(cameras: list[Camera]) -> np.ndarray:

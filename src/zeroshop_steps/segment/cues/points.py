@@ -26,9 +26,9 @@ def prepare(scene: MaskScene, guess: Guess) -> Callable[[int], list[np.ndarray]]
         camera, shown = scene.cameras[index], seen[index]
         rows, columns, _, inside = camera.find_pixels(points[shown])
         sums = np.zeros((2, camera.height_px, camera.width_px), np.float32)
-        place = rows[inside], columns[inside]
-        np.add.at(sums[0], place, 2 * raised[shown][inside] - 1)
-        np.add.at(sums[1], place, 1)
+        own, place = raised[shown][inside], (rows[inside], columns[inside])
+        np.add.at(sums[0], place, own)
+        np.add.at(sums[1], place, np.abs(own))
         sigma = REACH * camera.width_px
         balance, count = (2 * np.pi * sigma**2 * cv2.GaussianBlur(part, (0, 0), sigma) for part in sums)
         return [balance / (count + 1), count / (count + 1)]
@@ -37,11 +37,15 @@ def prepare(scene: MaskScene, guess: Guess) -> Callable[[int], list[np.ndarray]]
 
 
 def measure_raised(scene: MaskScene, guess: Guess) -> np.ndarray | None:
-    """How likely each sparse point, (P,), lies above the ground, 0 to 1; 0 far from the scene's focus; None without a fitted ground."""
-    support, points = guess.support, scene.model.points
-    if support is None or not support.inliers:  # a guessed plane lies below the ground
+    """Whether sparse points, (P,), lie above the ground: 1; on it or far from the scene's focus: -1; 0 of what is mirrored in it.
+
+    The ground is the guess's plane if points gave it, else the scene's lowest one; without one, None is returned.
+    """
+    support = guess.support if guess.support is not None and guess.support.inliers else scene.lowest_plane
+    if support is None:
         return None
     focus, distance = scene.focus
+    heights = support.heights(scene.model.points) / (THRESHOLD_DISTANCES * distance)
     # A point of the ground lies within the error of the plane, one of the object above twice that.
-    raised = np.clip(support.heights(points) / (THRESHOLD_DISTANCES * distance) - 1, 0, 1)
-    return np.where(np.linalg.norm(points - focus, axis=1) > NEAR * distance, 0.0, raised)
+    raised = np.where(heights < -1, 0.0, np.clip(2 * heights - 3, -1, 1))
+    return np.where(np.linalg.norm(scene.model.points - focus, axis=1) > NEAR * distance, -1.0, raised)

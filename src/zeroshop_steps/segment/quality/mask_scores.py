@@ -152,7 +152,7 @@ def _measure_contradicted(scene: MaskScene, solution: Solution, masks: Sequence[
     elsewhere = _find_outside(points, solution)
     raised = points_cue.measure_raised(scene, solution.guess)
     if raised is not None:
-        elsewhere |= raised == 0
+        elsewhere |= raised < 0
     shown = wrong = 0
     for camera, mask, rows_of_points in zip(scene.cameras, masks, seen, strict=True):
         rows, columns, _, inside = camera.find_pixels(points[rows_of_points])
