@@ -51,7 +51,7 @@ def test_points_tell_what_is_flat(printed):
     scene, support, truths = printed
     see = prepare_channels(scene, start_guess(scene, scene.place(support)))
     raised = np.stack([channel(see(index), "points_raised") for index in range(len(truths))])
-    assert raised[np.stack(truths)].mean() > 0.3 and raised[~np.stack(truths)].mean() < -0.3
+    assert raised[np.stack(truths)].mean() > 0.3 and raised[~np.stack(truths)].mean() < -0.1
     guessed = prepare_channels(scene, start_guess(scene, None))(0)
     assert channel(guessed, "points_known").any(), "without a plane of its own, the lowest one serves"
 
