@@ -14,7 +14,8 @@ from zeroshop_steps.capture.cameras_json import FILE
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
-from zeroshop_steps.register.scene.depth_folder import LEAST_IMAGES, OFF_DIAGONALS, DepthFolder
+from zeroshop_steps.register.scene.depth_folder import OFF_DIAGONALS, DepthFolder
+from zeroshop_steps.register.scene.image_set import MIN_IMAGES
 from zeroshop_steps.runtime.errors import StepError
 
 LEAST_PIXELS = 100  # on the object, in an image
@@ -60,9 +61,9 @@ def measure_scale(registered: RegisteredObject, renderer: MeshRenderer, diagonal
         StepError: too few depth images, a wrong format, size or unit, or images that are not aligned with the photos.
     """
     folder = depth.folder
-    if len(depth.files) < LEAST_IMAGES:
+    if len(depth.files) < MIN_IMAGES:
         raise StepError(
-            f"{folder} has depth images for {len(depth.files)} of the {len(registered.views)} registered photos, {LEAST_IMAGES} are needed;"
+            f"{folder} has depth images for {len(depth.files)} of the {len(registered.views)} registered photos, {MIN_IMAGES} are needed;"
             " each is named like its photo, but .png"
         )
     ratios, off = {}, {}
@@ -79,8 +80,8 @@ def measure_scale(registered: RegisteredObject, renderer: MeshRenderer, diagonal
         ratios[view.camera.name] = ratio
         off[view.camera.name] = float((np.abs(measured_mm[inside] / ratio - found[inside]) > OFF_DIAGONALS * diagonal).mean())
         depth.check_unit(view, float(np.median(measured_mm[inside])))
-    if len(ratios) < LEAST_IMAGES:
-        raise StepError(f"{folder}: only {len(ratios)} depth images have measured depth on the object, {LEAST_IMAGES} are needed")
+    if len(ratios) < MIN_IMAGES:
+        raise StepError(f"{folder}: only {len(ratios)} depth images have measured depth on the object, {MIN_IMAGES} are needed")
     scale_mm, spread, share = depth.agree(ratios, off)
     evidence = {"depth_images": len(ratios), "spread": round(spread, 5), "off_share": round(share, 5), "step_mm": depth.step_mm}
     return Scale("depth_camera", scale_mm / 1000.0, spread / np.sqrt(len(ratios)), evidence)

@@ -5,7 +5,6 @@ undistorted. Too few registered images, or cameras that the images contradict, a
 """
 
 import argparse
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,7 +17,6 @@ from zeroshop_steps.register.camera_proposals import Proposer, propose
 from zeroshop_steps.register.features.sift import SiftOptions, extract_features, find_focal_source, fit_to_count, refine
 from zeroshop_steps.register.features.static_marks import StaticMarks, find_static_marks
 from zeroshop_steps.register.features.tilted_features import VERTICAL, add_tilted_features, find_foreshortened, find_weak_images
-from zeroshop_steps.register.matching.match_coverage import delete_pairs_of_low_coverage
 from zeroshop_steps.register.matching.pair_selection import choose_name_pairs
 from zeroshop_steps.register.matching.turntable import TURNTABLE_REMEDY, measure_stationary, verify_without_stationary
 from zeroshop_steps.register.matching.verified_matches import match_features
@@ -27,7 +25,7 @@ from zeroshop_steps.register.matching.wide_lens import WIDE_LENS_REMEDY, find_wi
 from zeroshop_steps.register.pipeline import StructureOptions, add_matching_arguments, read_structure_options, reconstruct
 from zeroshop_steps.register.registration import add_options, read_options, write_registration
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.scene.record import DuplicateStructure, Inconsistent, Record, RegistrationFailed, Stopwatch, TooFewRegistered
+from zeroshop_steps.register.scene.record import DuplicateStructure, Record, RegistrationFailed, Stopwatch, TooFewRegistered
 from zeroshop_steps.register.verification.view_coverage import LEAST_SPREAD_DEG, LEAST_TURN_DEG, check_spread
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
@@ -106,76 +104,34 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions, match: Matc
 
 
 def make_proposers(image_set: ImageSet, options: ColmapOptions, scratch: Path, match: Match | None = None) -> list[Proposer]:
-    """What registers a scene, or the object alone; then what mends it. Databases are kept in `scratch`; the rest is as for `register`."""
-    scene = _Scene(image_set, options, scratch, match)
-    proposers = [Proposer("colmap", scene.register)]
-    if match is None:
-        proposers.append(Proposer("finer features", scene.register_by_finer_features, scene.has_finer_features))
-    if options.structure.leave_out and not options.structure.object_only:
-        proposers.append(Proposer("covering pairs", scene.register_by_covering_pairs, lambda failure: isinstance(failure, Inconsistent)))
-    return proposers
+    """What registers a scene, or the object alone; then what mends it. The database is kept in `scratch`; the rest is as for `register`."""
+    database = scratch / "database.db"
 
+    def reconstruct_by(sift: SiftOptions, out: Path) -> dict[str, Any]:
+        own = replace(options, sift=sift)
+        record = Record.begin("colmap", image_set, own, pycolmap)
+        return dict(match_and_reconstruct(image_set, out, database, own, record, match=match).entries)
 
-@dataclass
-class _Scene:
-    """Images, and the latest matches of all pairs, which what mends a failure starts from."""
+    def register_first(out: Path, _: RegistrationFailed | None) -> dict[str, Any]:
+        return reconstruct_by(fit_to_count(options.sift, len(image_set.images)), out)
 
-    image_set: ImageSet
-    options: ColmapOptions
-    scratch: Path
-    match: Match | None
-    graph: ViewGraph | None = None
+    def find_finer(failure: RegistrationFailed) -> SiftOptions | None:
+        return refine(options.sift, failure.figures["first_octave"], len(image_set.images))
 
-    @property
-    def _database(self) -> Path:
-        return self.scratch / "database.db"
-
-    def register(self, out: Path, _: RegistrationFailed | None) -> dict[str, Any]:
-        """From all pairs."""
-        return self._register(out, fit_to_count(self.options.sift, len(self.image_set.images)))
-
-    def has_finer_features(self, failure: RegistrationFailed) -> bool:
-        """Whether too few images matched, by features that were not the finest."""
-        return isinstance(failure, TooFewRegistered) and self._refine(failure) is not None
-
-    def _refine(self, failure: RegistrationFailed) -> SiftOptions | None:
-        return refine(self.options.sift, failure.figures["first_octave"], len(self.image_set.images))
-
-    def register_by_finer_features(self, out: Path, failure: RegistrationFailed | None) -> dict[str, Any]:
-        """From all pairs, by features at a higher resolution."""
-        finer = self._refine(failure) if failure else None
+    def register_finer(out: Path, failure: RegistrationFailed | None) -> dict[str, Any]:
+        finer = find_finer(failure) if failure else None
         assert finer is not None
-        self._database.unlink()
-        return self._register(out, finer)
+        database.unlink()
+        return reconstruct_by(finer, out)
 
-    def _register(self, out: Path, sift: SiftOptions) -> dict[str, Any]:
-        options = replace(self.options, sift=sift)
-        record = Record.begin("colmap", self.image_set, options, pycolmap)
-        return dict(match_and_reconstruct(self.image_set, out, self._database, options, record, match=self._match).entries)
+    def may_mend(failure: RegistrationFailed) -> bool:
+        """Whether too few images matched, by features that were not the finest."""
+        return isinstance(failure, TooFewRegistered) and find_finer(failure) is not None
 
-    def _match(self, database: Path, image_set: ImageSet, options: ColmapOptions, stopwatch: Stopwatch) -> ViewGraph:
-        self.graph = (self.match or match_images)(database, image_set, options, stopwatch)
-        return self.graph
-
-    def register_by_covering_pairs(self, out: Path, failure: RegistrationFailed | None) -> dict[str, Any]:
-        """From those pairs alone whose matches lie all over the pictures; the pictures of neighbours must show the same."""
-        assert failure is not None and self.graph is not None
-        database = self.scratch / "covering/database.db"
-        database.parent.mkdir()
-        shutil.copy(self._database, database)
-        narrow = delete_pairs_of_low_coverage(database)
-        structure = replace(self.options.structure, compare_pictures=True)
-        record = Record.begin("colmap", self.image_set, self.options, pycolmap).judge(self.graph.evidence())
-        record = reconstruct(database, self.image_set, out, structure, record.add(narrow_pairs=narrow), all_matches=self._database)
-        if failure.figures.get("gap_evidence", {}).get("folded") and "gap_evidence" in record.entries:
-            raise record.fail("pairs that cover the pictures leave the gap: the photos across it may be those that are left out")
-        _check_spread(out, record, self.graph)
-        return dict(
-            record.warn(
-                f"sides of the object look alike, and cameras from all pairs of photos were refused ({failure}); they were found from"
-                f" those pairs whose matches lie all over the pictures, without {narrow} others"
-            ).entries
-        )
+    proposers = [Proposer("colmap", register_first)]
+    if match is None:
+        proposers.append(Proposer("finer features", register_finer, may_mend))
+    return proposers
 
 
 def match_and_reconstruct(

@@ -24,7 +24,6 @@ class FinalChecks:
         every_match: a database with all verified matches, also those that had no part in the model.
         may_match: is asked about neighbours that share almost no points, see `check_duplicate_structure`.
         by_object: whether the object's features alone gave the matches.
-        compare_pictures: whether the pictures of neighbours must show the same, however many points they share.
         seed: of all RANSAC loops.
         held: whether more than the photos holds the cameras: how loosely these do says little then.
     """
@@ -33,7 +32,6 @@ class FinalChecks:
     every_match: Path
     may_match: MayMatch | None
     by_object: bool
-    compare_pictures: bool = False
     seed: int = 0
     held: bool = False
 
@@ -46,7 +44,7 @@ class FinalChecks:
             images = None if self.by_object else self.folder / "images"
             checks += [
                 lambda: check_loop_gap(hypothesis.model, pinhole_model, self.every_match, self.seed),
-                lambda: check_duplicate_structure(pinhole_model, self.may_match, self.by_object, images, self.compare_pictures),
+                lambda: check_duplicate_structure(pinhole_model, self.may_match, self.by_object, images),
             ]
         if self.by_object:
             checks.append(lambda: check_photometric_consistency(read_views(self.folder)[0]))

@@ -53,8 +53,6 @@ class StructureOptions:
         object_only: whether nothing but the object was registered; decides the advice.
         leave_out: whether images may belong to another scene: those without matches with the others are left out, and `min_share`
             counts the rest, which must be at least `LEAST_COMMON_SHARE` of all.
-        compare_pictures: whether the pictures of neighbours must show the same, however many points they share
-            (`check_duplicate_structure`).
     """
 
     min_share: float = 0.8
@@ -64,7 +62,6 @@ class StructureOptions:
     seed: int = 0
     object_only: bool = False
     leave_out: bool = False
-    compare_pictures: bool = False
 
     @property
     def doubt_masks(self) -> bool:
@@ -158,7 +155,7 @@ def reconstruct(
         check = partial(check_consistency, image_set=image_set, database=database, limits=options.limits, doubt_masks=options.doubt_masks)
         improver = Improver(image_set, check, needed if by_object else count)
         hypothesis, record = improve(improver, hypothesis, by_object, record)
-    asked = FinalChecks(out, all_matches or database, may_match, by_object, options.compare_pictures, options.seed)
+    asked = FinalChecks(out, all_matches or database, may_match, by_object, options.seed)
     return write_checked(hypothesis, image_set, asked, record)
 
 

@@ -21,7 +21,7 @@ from zeroshop_steps.geometry.cameras.registered_views import read_views
 from zeroshop_steps.register.features.sift import SiftOptions, extract_features
 from zeroshop_steps.register.mapping.mapper import triangulate_points
 from zeroshop_steps.register.matching.verified_matches import match_features
-from zeroshop_steps.register.pipeline import StructureOptions
+from zeroshop_steps.register.pipeline import WRONG_MASKS_OF_OBJECT, StructureOptions
 from zeroshop_steps.register.refinement.guided_matching import adjust_by_guided_tracks
 from zeroshop_steps.register.scene.image_set import ImageSet, read_masks
 from zeroshop_steps.register.scene.lenses import import_images
@@ -52,9 +52,6 @@ ATTEMPTS = (ABOVE_DEG, ABOVE_DEG, ANYWHERE_DEG, ANYWHERE_DEG)
 """Elevations at which views are placed, each time in another order: one that begins with views that say little may fail. Fewer places are
 searched faster and fit by chance less often."""
 LIKELY_PX = 2.0  # of a way that is adjusted: how far rays miss in the mean, coarsely
-MOST_WRONG = 0.1
-"""So many views at most are left out: those that fit to the others nowhere, and, where too few fit once adjusted, the one that contradicts
-the others most first. Their masks are wrong, and bend the others' cameras."""
 ELSEWHERE_PX = 1.0
 """A view that misses by less elsewhere could stand there, too. In 21 wrong placements of 13 objects, of 20 views each or of 14, more views
 do than may be left out: three at least, eight in the median. With 1.5 it was not safer (three at least), but a foam brick was refused,
@@ -144,6 +141,9 @@ class _Views:
 def _find_cameras(views: _Views, options: StructureOptions, stopwatch: Stopwatch) -> tuple[list[Camera], Record]:
     """The cameras that outlines place in one way, adjusted by them, and what is known of that.
 
+    `WRONG_MASKS_OF_OBJECT` of the views at most are left out: those that fit to the others nowhere, and, where too few fit once adjusted,
+    the one that contradicts the others most first. Their masks are wrong, and bend the others' cameras.
+
     Raises:
         RegistrationFailed: too few are placed, or they do not fit.
     """
@@ -151,7 +151,7 @@ def _find_cameras(views: _Views, options: StructureOptions, stopwatch: Stopwatch
     rng = np.random.default_rng(options.seed)
     best_px, adjusted_px, most_fitting = np.inf, list[tuple[float, float]](), 0
     count = len(views.image_set.images)
-    needed, most_wrong = max(options.min_images, math.ceil(options.min_share * count)), int(MOST_WRONG * count)
+    needed, most_wrong = max(options.min_images, math.ceil(options.min_share * count)), int(WRONG_MASKS_OF_OBJECT * count)
     for elevations_deg in ATTEMPTS:
         ways, placed = search(views.outlines, rng.permutation(count).tolist(), elevations_deg, most_wrong)
         seen = views.take(placed)

@@ -19,9 +19,9 @@ from zeroshop_steps.register.mapping.reregistration import register_again
 from zeroshop_steps.register.matching.network_matches import label_tracks
 from zeroshop_steps.register.pipeline import LEAST_COMMON_SHARE
 from zeroshop_steps.register.scene.database import has_wide_lens, read_matches, read_places
-from zeroshop_steps.register.scene.image_set import ImageSet
+from zeroshop_steps.register.scene.image_set import MIN_IMAGES, ImageSet
 from zeroshop_steps.register.scene.record import RegistrationFailed
-from zeroshop_steps.register.vggt.bundle import MIN_VIEWS, adjust_cameras, drop_weak_images
+from zeroshop_steps.register.vggt.bundle import adjust_cameras, drop_weak_images
 from zeroshop_steps.register.vggt.feed_forward import unproject
 from zeroshop_steps.register.vggt.frames import Frames
 from zeroshop_steps.register.vggt.tracks import TrackObservations
@@ -118,7 +118,7 @@ def start_from_cameras(
         adjusted = drop_weak_images(adjusted, options.min_observations, options.max_error_px)
         if (held := adjusted.num_reg_images()) >= needed:
             break
-    if held >= MIN_VIEWS and adjusted.num_points3D():
+    if held >= MIN_IMAGES and adjusted.num_points3D():
         poses = {Path(image.name).stem: image.cam_from_world() for image in adjusted.images.values() if image.has_pose}
         model = triangulate_points(database, image_set, poses, structure.seed, lens=adjusted.cameras[1])
         if held < count:
@@ -153,7 +153,7 @@ def gather_tracks(database: Path, names: list[str], kept: NearMatches | None = N
     places, which, times = np.unique(track.astype(np.int64) * len(names) + view, return_inverse=True, return_counts=True)
     once = np.flatnonzero(times[which] == 1)
     views = np.bincount(places[times == 1] // len(names), minlength=1)
-    long = np.flatnonzero(views >= MIN_VIEWS)
+    long = np.flatnonzero(views >= MIN_IMAGES)
     long = long[np.unique(np.linspace(0, max(len(long) - 1, 0), min(MAX_TRACKS, len(long))).astype(int))]
     column = np.full(len(views), -1)
     column[long] = np.arange(len(long))

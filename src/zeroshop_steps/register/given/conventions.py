@@ -16,8 +16,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.cameras.transforms import OPENCV_FROM_OPENGL, measure_turn_deg
-from zeroshop_steps.register.matching.view_graph import LEAST_TIES
-from zeroshop_steps.register.scene.database import read_matches, read_places
+from zeroshop_steps.register.scene.database import LEAST_TIES, read_matches, read_places
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 from zeroshop_steps.register.verification.epipolar_support import find_explained
 

@@ -96,7 +96,7 @@ def register(image_set: ImageSet, given: GivenCameras, out: Path, options: Colma
         hypothesis = leave_out_culprits(hypothesis, options.structure, scene.place, partial(adjust, given=given), scene.check)
         record = record.add(placed_again=list(hypothesis.placed_again), left_out=list(hypothesis.left_out))
         record = _tell_shifts(record, hypothesis.model, given, image_set)
-        asked = FinalChecks(out, scene.database, graph.may_match(), False, options.structure.compare_pictures, options.structure.seed, True)
+        asked = FinalChecks(out, scene.database, graph.may_match(), False, options.structure.seed, True)
         return dict(write_checked(hypothesis, image_set, asked, record).entries)
 
 

@@ -19,6 +19,7 @@ from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 STRICT_ERROR_PX = 3.0  # of absolute pose estimation, per 1000 px of the images' longer side
 LOSS_SCALE_PX = 0.5  # of the Cauchy loss; a good match is within 0.3 px
 ITERATIONS = 50  # of bundle adjustment, at most
+MIN_ANGLE_DEG = pycolmap.IncrementalMapperOptions().filter_min_tri_angle  # between the rays to a point
 
 
 def measure_reprojection_errors_px(model: pycolmap.Reconstruction) -> dict[str, float]:
@@ -59,9 +60,9 @@ def refine_robustly(model: pycolmap.Reconstruction) -> None:
     Least squares lets the few matches that are wrong by some pixels bend lens and poses: on the cracker box without a
     surface a camera ends 12 mm off, with the Cauchy loss 2 mm.
     """
-    pycolmap.ObservationManager(model).filter_all_points3D(2 * STRICT_ERROR_PX, 1.5)
+    pycolmap.ObservationManager(model).filter_all_points3D(2 * STRICT_ERROR_PX, MIN_ANGLE_DEG)
     adjust_robustly(model, LOSS_SCALE_PX, ITERATIONS)
-    pycolmap.ObservationManager(model).filter_all_points3D(STRICT_ERROR_PX, 1.5)
+    pycolmap.ObservationManager(model).filter_all_points3D(STRICT_ERROR_PX, MIN_ANGLE_DEG)
 
 
 def repair(

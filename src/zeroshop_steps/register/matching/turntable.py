@@ -12,7 +12,7 @@ import pycolmap
 from scipy.spatial import cKDTree
 
 from zeroshop_steps.register.matching.verified_matches import verify_pairs
-from zeroshop_steps.register.scene.database import read_matches, read_places
+from zeroshop_steps.register.scene.database import LEAST_TIES, read_matches, read_places
 from zeroshop_steps.register.scene.image_set import ImageSet
 
 STATIONARY_PX = 4.0  # per 1000 px of the longer side: matches that move less stand still, and those whose moves differ by less move alike
@@ -28,7 +28,6 @@ APART_FIT = 0.5  # of the matches of one motion at most fit to the other one
 MOST_TESTED = 120  # pairs that are looked at for two motions, evenly among all: each costs some hundredths of a second
 TURNTABLE_REMEDY = "move the camera instead, hang a plain cloth behind the object, or give masks and take the scene video_segmented"
 FITS, LEAST_FITTED = 4, 8  # rounds of fitting a similarity to what moves alike, and matches that hold it
-LEAST_MATCHES = 30  # of a pair that tells anything, and of a motion
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ def measure_stationary(database: Path, image_set: ImageSet, seed: int = 0) -> St
     still = np.array(
         [(np.linalg.norm(second - first, axis=1) < _limit_px(image_set, names)).mean() for names, first, second in verified], float
     )
-    matched = [pair for pair in _read_pairs(database, image_set, verified=False) if len(pair[1]) >= 2 * LEAST_MATCHES]
+    matched = [pair for pair in _read_pairs(database, image_set, verified=False) if len(pair[1]) >= 2 * LEAST_TIES]
     tested = matched[:: max(1, -(-len(matched) // MOST_TESTED))]
     two = [_has_two_motions(first, second, _limit_px(image_set, names), seed) for names, first, second in tested]
     return StationaryMatches(
@@ -95,7 +94,7 @@ def verify_without_stationary(database: Path, image_set: ImageSet, seed: int) ->
         for (first, second), matches in kept.items():
             opened.write_matches(first, second, matches)
     # Pairs from other sides matched by the background alone, and fewer fit by chance.
-    verify_pairs(database, names, seed, LEAST_MATCHES)
+    verify_pairs(database, names, seed, LEAST_TIES)
 
 
 def find_alike(first: np.ndarray, second: np.ndarray, limit_px: float) -> np.ndarray:
@@ -125,7 +124,7 @@ def _read_pairs(database: Path, image_set: ImageSet, verified: bool) -> list[tup
         images = {image.image_id: image.name for image in opened.read_all_images()}
         points = read_places(opened)
         for (first, second), matches in read_matches(opened, verified):
-            if len(matches) >= LEAST_MATCHES and sizes[images[first]] == sizes[images[second]]:
+            if len(matches) >= LEAST_TIES and sizes[images[first]] == sizes[images[second]]:
                 found.append(((images[first], images[second]), points[first][matches[:, 0]], points[second][matches[:, 1]]))
     return found
 
@@ -137,11 +136,11 @@ def _has_two_motions(first: np.ndarray, second: np.ndarray, limit_px: float, see
     must miss one of both, too.
     """
     alike = find_alike(first, second, limit_px)
-    if min(alike.sum(), (~alike).sum()) < LEAST_MATCHES:
+    if min(alike.sum(), (~alike).sum()) < LEAST_TIES:
         return None
     options = pycolmap.RANSACOptions(max_error=limit_px, random_seed=seed)
     found = [pycolmap.estimate_fundamental_matrix(first[part], second[part], options) for part in (~alike, np.ones_like(alike))]
-    if any(one is None for one in found) or found[0]["num_inliers"] < LEAST_MATCHES:
+    if any(one is None for one in found) or found[0]["num_inliers"] < LEAST_TIES:
         return None
     rest = np.flatnonzero(~alike)[found[0]["inlier_mask"]]
     foreign = measure_sampson(found[0]["F"], first[alike], second[alike]) < limit_px

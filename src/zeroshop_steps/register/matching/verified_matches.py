@@ -20,6 +20,9 @@ matching: Wu 2013, section 4). A rendered bottle, the duck and the tissue box lo
 pairs of the first two, which see other sides, were left."""
 
 
+MAX_ERROR_PX = pycolmap.TwoViewGeometryOptions().ransac.max_error  # of a match from its epipolar geometry
+
+
 def match_features(database: Path, options: SiftOptions, pairs: list[tuple[str, str]] | None = None) -> None:
     """Match image pairs and keep what one epipolar geometry (or homography) explains.
 

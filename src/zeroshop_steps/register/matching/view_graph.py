@@ -14,11 +14,8 @@ from scipy.sparse.csgraph import connected_components
 
 from zeroshop_steps.register.features.static_marks import StaticMark, describe_marks
 from zeroshop_steps.register.matching.turntable import TURNTABLE_REMEDY, StationaryMatches
-from zeroshop_steps.register.scene.database import read_matches
+from zeroshop_steps.register.scene.database import LEAST_TIES, read_matches
 from zeroshop_steps.register.scene.record import Evidence
-
-LEAST_TIES = 30
-"""Verified matches of a pair that tie two images: pairs that show nothing in common have up to 20 by chance."""
 
 
 @dataclass(frozen=True)

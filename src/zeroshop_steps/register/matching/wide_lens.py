@@ -19,12 +19,11 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.register.matching.turntable import STATIONARY_PX, measure_sampson
-from zeroshop_steps.register.matching.verified_matches import verify_pairs
+from zeroshop_steps.register.matching.verified_matches import MAX_ERROR_PX, verify_pairs
 from zeroshop_steps.register.scene.database import read_matches, read_places
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 
 MODELS = (("RADIAL_FISHEYE", 1, 2), ("OPENCV_FISHEYE", 2, 4))  # with focal lengths and coefficients; the simplest first
-EXACT = 0.001  # of the longer side: a lens that follows the distortion as closely as that is rich enough, as a feature is less exact
 WIDE_LENS_REMEDY = (
     "Besides, the photos were taken through a wide lens (an action camera, a 0.5x lens or a fisheye), which is harder: use the 1x lens, or"
     " the camera's linear mode"
@@ -33,13 +32,11 @@ RADIAL = (-0.8, -0.6, -0.45, -0.3, -0.2, -0.1)
 EQUIDISTANT = (0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.7, 0.85)
 SCREENED = 1.0  # an equidistant lens that shows 57 degrees along the longer side: wide lenses show more, and bend more
 FOCAL_SHARES = tuple(np.geomspace(0.25, 2.0, 13))  # focal lengths that are tried with the distortion that was found
-MORE_PARAMETERS = 3  # a fisheye has up to four coefficients, SIMPLE_RADIAL one
 PAIRS, MATCHES, LEAST_MATCHES = 8, 300, 50  # of a lens that are looked at, those with the most matches, and so many of each
-MAX_ERROR = 0.004  # of RANSAC; of the longer side, as COLMAP's 4 px of 1000
 MOST_SIGMA = 4.0  # an outlier counts as an error of so many standard deviations
 LEAST_SIGMA = 0.00025  # of features; of the longer side: no better ones were seen
 LARGEST_TURN = 1.4  # rad: an equidistant lens is followed up to here, as a pinhole sees no farther than 90 degrees
-FARTHEST = 6.0  # radius to which a point is moved that a model cannot explain
+FARTHEST = float(np.tan(LARGEST_TURN))  # radius to which a point is moved that a model cannot explain
 
 
 @dataclass(frozen=True)
@@ -120,7 +117,7 @@ def choose_distortion(pairs: list[Pair], seed: int = 0) -> Distortion:
     costs = _find_costs(errors)
     best = int(np.argmin(costs))
     radial = min(cost for one, cost in zip(tried, costs, strict=True) if not one.equidistant)
-    return tried[best] if radial - costs[best] > _penalize(MORE_PARAMETERS, errors[best]) else tried[0]
+    return tried[best] if radial - costs[best] > _penalize(MODELS[-1][2] - 1, errors[best]) else tried[0]
 
 
 def set_lenses(database: Path, lenses: dict[int, WideLens], seed: int) -> None:
@@ -176,7 +173,7 @@ def _measure_errors(pairs: Iterable[Pair], distortion: Distortion, focal: float 
     Args:
         focal: of the pinhole that sees the undistorted points, for an essential matrix; None for a fundamental one.
     """
-    options = pycolmap.RANSACOptions(max_error=1000 * MAX_ERROR, random_seed=seed, min_num_trials=50, max_num_trials=200)
+    options = pycolmap.RANSACOptions(max_error=MAX_ERROR_PX, random_seed=seed, min_num_trials=50, max_num_trials=200)
     errors = [np.zeros(0)]
     for places in pairs:
         (first, slope_first, known_first), (second, slope_second, known_second) = (distortion.undo(points) for points in places)
@@ -204,7 +201,10 @@ def _fit_epipolar_geometry(
 
 
 def _make_lens(camera: pycolmap.Camera, distortion: Distortion, pairs: list[Pair], seed: int) -> WideLens:
-    """The simplest fisheye with the distortion that was found, and the focal length that is known or that the matches ask for."""
+    """The simplest fisheye with the distortion that was found, and the focal length that is known or that the matches ask for.
+
+    A lens is rich enough that follows the distortion as closely as features lie that are no outliers.
+    """
     side_px = max(camera.width, camera.height)
     focal = camera.mean_focal_length() / side_px if camera.has_prior_focal_length else _find_focal(distortion, pairs, seed)
     matched = max(float(np.linalg.norm(points, axis=1).max()) for pair in pairs for points in pair)
@@ -214,7 +214,7 @@ def _make_lens(camera: pycolmap.Camera, distortion: Distortion, pairs: list[Pair
     powers = [turn[:, None] ** (3 + 2 * np.arange(count)) for _, _, count in MODELS]
     fits = [np.linalg.lstsq(power, rest, rcond=None)[0] for power in powers]
     errors = [focal * float(np.abs(power @ fit - rest).max()) for power, fit in zip(powers, fits, strict=True)]
-    simplest = next((number for number, error in enumerate(errors) if error < EXACT), len(MODELS) - 1)
+    simplest = next((number for number, error in enumerate(errors) if error < MOST_SIGMA * LEAST_SIGMA), len(MODELS) - 1)
     model, focals, _ = MODELS[simplest]
     params = [*[focal * side_px] * focals, camera.width / 2, camera.height / 2, *fits[simplest]]
     fields = {"width": camera.width, "height": camera.height, "params": params, "has_prior_focal_length": True}

@@ -9,7 +9,7 @@ import numpy as np
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.cameras.transforms import transform_camera
-from zeroshop_steps.geometry.observation.visual_hull import VisualHull
+from zeroshop_steps.geometry.observation.visual_hull import VisualHull, voxel_centres
 from zeroshop_steps.register.silhouettes.coherence import bound_object
 
 NEAR_SCALE = 1.5  # neighbours' distances to the object differ by at most this factor
@@ -39,7 +39,7 @@ def make_small_views(views: Sequence[View], near_deg: float) -> tuple[dict[int, 
     to_centre[:3, 3] = -centre
     centred = [transform_camera(camera, to_centre) for camera in cameras]
     allowed = max(1, round(MISSING_SHARE * len(views)))
-    hull = VisualHull.carve(centred, masks, radius, VOXELS, allowed).occupied
+    hull = voxel_centres(radius, VOXELS)[VisualHull.carve(centred, masks, radius, VOXELS, allowed).occupied.ravel()]
     needed = sorted({view for one, other, _ in pairs for view in (one, other)})
     return {view: _shrink(centred[view], masks[view], views[view].image(), hull, radius) for view in needed}, pairs, radius
 
@@ -72,43 +72,10 @@ def _shrink(camera: Camera, mask: np.ndarray, image: np.ndarray, hull: np.ndarra
 
 
 def _find_front(camera: Camera, mask: np.ndarray, hull: np.ndarray, radius: float) -> np.ndarray:
-    """(H, W) depth of the first voxel of the hull along each ray; 0 where there is none."""
-    rows, columns = np.nonzero(mask)
-    rays = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], 1) @ np.linalg.inv(camera.intrinsics).T
-    world_from_camera = np.linalg.inv(camera.camera_from_world)
-    per_length = VOXELS / (2 * radius)
-    steps, start = per_length * rays @ world_from_camera[:3, :3].T, per_length * world_from_camera[:3, 3] + VOXELS / 2
-    middle = camera.camera_from_world[2, 3]
-    tried = np.linspace(middle - radius, middle + radius, 2 * VOXELS)
-    at, last = _find_depths_in_box(hull, steps, start, tried)
-    solid = np.pad(hull, 2)  # so that what lies outside is empty
-    strides = np.array(solid.strides) // solid.itemsize
-    found, left = np.zeros(len(rows)), np.flatnonzero(at <= last)
-    at, last, steps = at[left], last[left], steps[left]
-    while len(left):
-        depth = tried[at]
-        index = np.floor(steps * depth[:, None] + start).astype(np.int32) + 2
-        hit = solid.ravel()[index @ strides]
-        found[left[hit]] = depth[hit]
-        on = ~hit & (at < last)
-        at, last, steps, left = at[on] + 1, last[on], steps[on], left[on]
-    depths = np.zeros(mask.shape)
-    depths[rows, columns] = found
-    return depths
-
-
-def _find_depths_in_box(hull: np.ndarray, steps: np.ndarray, start: np.ndarray, depths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(P,) indices of the first and the last of sorted depths at which rays are in the box around the hull, or half a voxel beside it.
-
-    Args:
-        hull: (V, V, V) bool.
-        steps, start: (P, 3) and (3,): a ray is at `steps * depth + start`, in voxels.
-        depths: (D,); the last index is below the first where none is in the box.
-    """
-    if not hull.any():
-        return np.ones(len(steps), int), np.zeros(len(steps), int)
-    held = [np.flatnonzero(hull.any(axis=others)) for others in ((1, 2), (0, 2), (0, 1))]
-    sides = [np.array([along[0] - 0.5 for along in held]), np.array([along[-1] + 1.5 for along in held])]
-    ends = np.stack([(side - start) / np.where(steps == 0, 1e-12, steps) for side in sides])
-    first, last = ends.min(0).max(1), ends.max(0).min(1)
-    return np.searchsorted(depths, first), np.searchsorted(depths, last, "right") - 1
+    """(H, W) depth of the front of the hull, whose voxels have their centres at (P, 3) `hull`; 0 where there is none."""
+    rows, columns, depth, seen = camera.find_pixels(hull)
+    nearest: np.ndarray = np.full(mask.shape, np.inf, np.float32)
+    np.minimum.at(nearest, (rows[seen], columns[seen]), depth[seen])
+    half_px = int(np.ceil(radius / VOXELS * camera.intrinsics[0, 0] / camera.camera_from_world[2, 3]))  # of a voxel's side
+    nearest = cv2.erode(nearest, np.ones((2 * half_px + 1,) * 2, np.uint8))
+    return np.where(mask & np.isfinite(nearest), nearest, 0.0)

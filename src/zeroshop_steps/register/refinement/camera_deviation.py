@@ -24,6 +24,7 @@ from zeroshop_steps.register.silhouettes.bundle_adjustment import SilhouetteAdju
 from zeroshop_steps.register.silhouettes.coherence import bound_object
 from zeroshop_steps.register.silhouettes.model_adjustment import read_tracks
 from zeroshop_steps.register.silhouettes.state import NO_TRACKS, Tracks
+from zeroshop_steps.register.silhouettes.view_poses import UNKNOWNS
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import write_table
 
@@ -31,7 +32,6 @@ LOOSE_SHARE = 0.006
 """Mean deviation of the cameras' centres, of their distance, at strength 1. In 111 models of 11 rendered captures, with keypoints not yet
 refined, it is at most 0.0054 in right ones (95 %: 0.0039), and 0.0045 to 0.0086 where cameras are bent by 1.6 to 4 % of the diameter."""
 USUAL_SHARE = 0.25  # of an image's shorter side that an object's radius has, where no mask shows it
-UNKNOWNS = 6  # of a view: its turn about the object's centre, then where that centre lies in the camera
 LOOSE = 0.1
 """Deviation that an unknown has before anything is observed, in radians, radii of the object, and as a logarithm of the focal length: what
 no observation holds stays finite."""

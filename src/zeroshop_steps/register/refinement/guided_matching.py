@@ -18,6 +18,8 @@ from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.transforms import transform_camera
 from zeroshop_steps.geometry.imaging.images import read_image
 from zeroshop_steps.geometry.observation.visual_hull import VisualHull, find_inside_masks
+from zeroshop_steps.register.mapping.reregistration import MIN_ANGLE_DEG
+from zeroshop_steps.register.matching.verified_matches import MAX_ERROR_PX
 from zeroshop_steps.register.photometry.hull_views import MISSING_SHARE
 from zeroshop_steps.register.photometry.score import correlate, find_peak
 from zeroshop_steps.register.photometry.transfer import cut_patch, span_axes
@@ -29,7 +31,6 @@ from zeroshop_steps.register.silhouettes.model_adjustment import adjust_model_by
 from zeroshop_steps.register.silhouettes.state import TrackKind, Tracks
 
 ROUNDS_PX = (12, 7)  # of each round: how far from where the cameras say a corner is looked for, per 1000 px of the image
-MOST_ERROR_PX, LEAST_ANGLE_DEG = 4.0, 1.5  # points with a larger error, likewise, or a smaller angle between their rays are left out
 
 HALF_PX = 5  # half of a patch's side, of images of `REFERENCE_PX`: larger ones lie on a curved surface, and give fewer and worse matches
 CORNERS, APART_PX, LEAST_QUALITY = 800, 4, 0.002  # of each view, at most; between them; of their contrast, by the strongest one's
@@ -204,7 +205,7 @@ def adjust_by_guided_tracks(model: pycolmap.Reconstruction, image_set: ImageSet)
     if "miss_px" not in figures:
         return model, figures
     largest_px = max(max(camera.width, camera.height) for camera in model.cameras.values())
-    pycolmap.ObservationManager(model).filter_all_points3D(MOST_ERROR_PX * largest_px / REFERENCE_PX, LEAST_ANGLE_DEG)
+    pycolmap.ObservationManager(model).filter_all_points3D(MAX_ERROR_PX * largest_px / REFERENCE_PX, MIN_ANGLE_DEG)
     model.update_point_3d_errors()
     model.extract_colors_for_all_images(image_set.images[0].parent, 1)
     return model, figures

@@ -15,11 +15,12 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.imaging.images import read_image
+from zeroshop_steps.register.features.sift import SiftOptions
 from zeroshop_steps.register.mapping.mapper import adjust_robustly
 from zeroshop_steps.register.photometry.transfer import cut_patch, span_axes
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 
-LARGEST_PX = 1600  # images are made so small: patches of larger ones would show nothing but noise
+LARGEST_PX = SiftOptions.max_side_px  # images are made so small: patches of larger ones would show nothing but noise
 HALF_PX, MARGIN_PX = 10, 6
 """Half of a patch's side, and what is looked at around it in the other images: a keypoint may be off by half of that."""
 OBSERVATIONS = 250  # aligned of each image, at least, if it has so many: more cost time and bring little

@@ -11,12 +11,11 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera, fit_similarity
-from zeroshop_steps.register.scene.image_set import REFERENCE_PX
+from zeroshop_steps.register.scene.image_set import MIN_IMAGES, REFERENCE_PX
 from zeroshop_steps.register.silhouettes.coherence import UNEXPLAINED_PX, find_wrong_masks, measure_silhouette_coherence, shrink_masks
 from zeroshop_steps.register.silhouettes.model_adjustment import adjust_model_by_masks
 from zeroshop_steps.runtime.errors import warn
 
-LEAST_VIEWS = 3  # two outlines nearly always fit
 WRONG_SHARE = 0.25  # of the masks may be wrong and do not count; if more contradict the others, cameras are
 MOST_MISSED_PX = 3.0
 """Median over the photos, in pixels of a photo of 1000. Right cameras had 0 to 1.0 (bananas, rendered films on plain tables), also
@@ -87,12 +86,12 @@ def measure_silhouette_misses_px(cameras: list[Camera], masks: list[np.ndarray])
         cameras: of the registered photos.
         masks: (H, W) bool in their order and size.
     """
-    if len(cameras) < LEAST_VIEWS:
+    if len(cameras) < MIN_IMAGES:
         return None
     cameras = [replace(camera, name=str(index)) for index, camera in enumerate(cameras)]
     cameras, small = shrink_masks(cameras, {camera.name: mask for camera, mask in zip(cameras, masks, strict=True)})
     seen = [camera for camera in cameras if small[camera.name].any()]
-    if len(seen) < LEAST_VIEWS:
+    if len(seen) < MIN_IMAGES:
         return None
     wrong = find_wrong_masks(seen, small, np.full(len(seen), UNEXPLAINED_PX))
     if len(wrong) <= WRONG_SHARE * len(seen):

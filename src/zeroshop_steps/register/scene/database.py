@@ -7,6 +7,8 @@ import pycolmap
 
 from zeroshop_steps.runtime.compute.machine import require_memory, require_room
 
+LEAST_TIES = 30
+"""Matches of a pair that tie two images, or tell anything of them: pairs that show nothing in common have up to 20 by chance."""
 IMAGE_BYTES = 2_000_000
 """Of an image in the database: its features, and its share of the matches. 60 photos with 4000 features each took 47 MB."""
 MEMORY_BYTES = 1_500_000_000

@@ -23,7 +23,6 @@ from zeroshop_steps.register.scene.undistortion import undistort_by_lens
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
-LEAST_IMAGES = 3  # so that one bad image does not decide the median
 NEAREST_MM, FARTHEST_MM = 50.0, 5000.0  # from the object; nearer no depth camera measures, and farther nobody holds one
 OFF_DIAGONALS = 0.15  # a pixel whose depth is this far off, in diagonals of the object, shows something else
 MOST_OFF = 0.15  # share of such pixels from which on the images are not aligned

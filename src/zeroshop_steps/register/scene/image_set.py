@@ -17,7 +17,7 @@ from zeroshop_steps.runtime.files import read_json
 REFERENCE_PX = 1000  # the longer side of the images on which limits in pixels were set
 CELLS = 8  # along each side of a picture
 T = TypeVar("T")
-MIN_IMAGES = 3  # with two views, nothing can be checked
+MIN_IMAGES = 3  # of a capture, and views of a point: of two, nothing can be checked, and one that is wrong decides
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,8 @@ from zeroshop_steps.register.scene.database import create_database
 from zeroshop_steps.register.scene.image_set import ImageSet
 
 FILM_SIDES_MM = (36.0, 24.0)
-SAME_SHAPE = 1.02  # up to this factor between the ratios of their sides, two pictures have one shape
+SAME = 1.02  # up to this factor, ratios of the sides of two pictures are one shape, and focal lengths one setting of a zoom
 FARTHEST, RADII = 3.0, 600  # of the pinhole picture, in half diagonals, up to which the distortion is followed, and in how many steps
-FOCAL_STEP = 1.02  # focal lengths of one zoom setting differ by less than this factor
 
 
 def group_by_lens(image_set: ImageSet) -> list[list[str]]:
@@ -98,10 +97,10 @@ def read_cropped_focal_px(path: Path, size_px: tuple[int, int]) -> float | None:
     short, long = sorted(size_px)
     if focal_mm <= 0:
         return None
-    if whole[0] > 0 and max(whole[1] / whole[0] * short / long, whole[0] / whole[1] * long / short) > SAME_SHAPE:
+    if whole[0] > 0 and max(whole[1] / whole[0] * short / long, whole[0] / whole[1] * long / short) > SAME:
         scale = max(short / whole[0], long / whole[1])
         diagonal_px = math.hypot(*whole) * scale
-    elif long <= SAME_SHAPE * short:
+    elif long <= SAME * short:
         diagonal_px = short * math.hypot(*FILM_SIDES_MM) / min(FILM_SIDES_MM)
     else:
         return None
@@ -131,7 +130,7 @@ def _read_number(details: dict[int, Any], tag: int) -> float:
 
 
 def _is_one_lens(one: tuple, other: tuple) -> bool:
-    near = one[-1] == other[-1] or (min(one[-1], other[-1]) > 0 and max(one[-1], other[-1]) < FOCAL_STEP * min(one[-1], other[-1]))
+    near = one[-1] == other[-1] or (min(one[-1], other[-1]) > 0 and max(one[-1], other[-1]) < SAME * min(one[-1], other[-1]))
     return bool(one[:-1] == other[:-1] and near)
 
 

@@ -7,7 +7,7 @@ import numba
 import numpy as np
 
 from zeroshop_steps.register.silhouettes.epipolar_tangency import measure_prior, shift_view
-from zeroshop_steps.register.silhouettes.view_poses import SIZE, pose_view, pose_views
+from zeroshop_steps.register.silhouettes.view_poses import UNKNOWNS, pose_view, pose_views
 
 DEPTHS, FINER, LEVELS = 24, 5, 3  # along a ray, within the object; then between the neighbours of the best, so often
 REACH = 1.25  # of the depths, in radii of the object
@@ -159,7 +159,7 @@ def try_places(number, places, views, log_focal, placed, outlines, every, wanted
     narrower = np.exp(-log_focal)
     poses = pose_views(views, log_focal, placed, outlines)
     samples = sample_rays(placed, poses, outlines, narrower, every)
-    costs, laid = np.empty(len(places)), np.zeros((len(places), SIZE))
+    costs, laid = np.empty(len(places)), np.zeros((len(places), UNKNOWNS))
     pose, found, both = np.empty(15), np.empty((2, 4)), np.empty(len(placed) + 1, np.int64)
     for k in range(len(placed)):  # number by number, here and below: assignments of arrays take seconds to compile
         both[k] = placed[k]

@@ -22,7 +22,7 @@ RADIUS_MARGIN, RADIUS_PERCENTILE = 1.2, 90  # of the object's sphere: all of the
 NEAREST_DEPTH = 0.05  # share of the depth of the object's centre at which rays start where the sphere holds the camera
 MISS_PERCENTILE = 95  # of the distances by which the rays of a view miss the other masks: single bad mask pixels do not count
 RAYS, STEPS = 200, 160  # pixels that are tested of a view, half of them on its mask's rim, and depths along the ray of each
-AGREEING_SHARE = 0.95  # of a mask's rays that lie in another mask, in the mean over the others, and of theirs in it
+AGREEING_SHARE = MISS_PERCENTILE / 100  # of a mask's rays that lie in another mask, in the mean over the others, and of theirs in it
 UNEXPLAINED_PX = 6.0  # rays of a mask may miss the other masks by this much, per 1000 px: set on virtual captures of 32 objects
 UNSEEN_PX = 1e4  # in place of a signed distance: a point off the image may lie in the mask, one behind the camera cannot
 

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 
 from zeroshop_steps.geometry.cholesky import solve_by_cholesky
-from zeroshop_steps.register.silhouettes.view_poses import SIZE, pose_view, pose_views
+from zeroshop_steps.register.silhouettes.view_poses import UNKNOWNS, pose_view, pose_views
 
 USUAL = np.array([np.inf, np.inf, 0.05, 0.2, 0.2, 0.12])
 """What views usually differ by from upright ones at one distance: radians, shares of the object's radius, and a logarithm."""
@@ -18,7 +18,7 @@ PRIOR = 0.02  # weight of these, against that of a pair
 NO_TANGENT = 0.1  # cost of a pair whose line of centres passes through the object: its outlines have no tangents in common
 NEAREST, LEAST_COSINE = 0.22, 0.05  # of that line to the object's centre, in distances; of rays to the plane through it and the centre
 STEPS = np.array([1e-3, 1e-3, 1e-3, 2e-4, 2e-4, 1e-3])  # for derivatives
-FOCAL_STEP = 1e-3
+FOCAL_STEP = float(STEPS[-1])  # a logarithm, as that of the distance
 TRIALS, CONVERGED = 6, 1e-3
 
 
@@ -149,18 +149,18 @@ def _measure_tangents(views, log_focal, placed, outlines, tolerance):
 @numba.njit(cache=True, forceinline=True)
 def _linearize_tangents(views, log_focal, placed, outlines, tolerance, free_focal, free):
     """Gauss and Newton's approximation of the pairs that are free: (6 K + 1, 6 K + 1) matrix and (6 K + 1,) gradient."""
-    count, last = len(placed), SIZE * len(placed)
+    count, last = len(placed), UNKNOWNS * len(placed)
     hessian, gradient = np.zeros((last + 1, last + 1)), np.zeros(last + 1)
-    moved, changed = np.zeros((count, SIZE + 2, 15)), np.zeros(SIZE)
+    moved, changed = np.zeros((count, UNKNOWNS + 2, 15)), np.zeros(UNKNOWNS)
     for k in range(count):
         number = placed[k]
         pose_view(views[number], log_focal, outlines.middle[number], moved[k, 0])
-        for a in range(SIZE):
-            for b in range(SIZE):
+        for a in range(UNKNOWNS):
+            for b in range(UNKNOWNS):
                 changed[b] = views[number, b] + STEPS[b] if a == b else views[number, b]
             pose_view(changed, log_focal, outlines.middle[number], moved[k, 1 + a])
-        pose_view(views[number], log_focal + FOCAL_STEP, outlines.middle[number], moved[k, SIZE + 1])
-        _add_prior(views[number], outlines.size, PRIOR * (count - 1), hessian, gradient, SIZE * k)
+        pose_view(views[number], log_focal + FOCAL_STEP, outlines.middle[number], moved[k, UNKNOWNS + 1])
+        _add_prior(views[number], outlines.size, PRIOR * (count - 1), hessian, gradient, UNKNOWNS * k)
     hessian[last, last] += PRIOR * count / USUAL_FOCAL**2
     gradient[last] += PRIOR * count * log_focal / USUAL_FOCAL**2
     here, there, jacobian, columns = np.empty((2, 4)), np.empty((2, 4)), np.empty((2, 13)), np.empty(13, np.int64)
@@ -175,14 +175,14 @@ def _linearize_tangents(views, log_focal, placed, outlines, tolerance, free_foca
                 continue
             good = True
             for a in range(13):
-                if not (free_focal if a == 12 else (free[i] if a < SIZE else free[j])):
+                if not (free_focal if a == 12 else (free[i] if a < UNKNOWNS else free[j])):
                     jacobian[0, a] = jacobian[1, a] = 0.0  # what is not free does not move
                     columns[a] = last
                     continue
-                first = 1 + a if a < SIZE else (SIZE + 1 if a == 12 else 0)
-                second = a - 5 if SIZE <= a < 12 else (SIZE + 1 if a == 12 else 0)
-                step = FOCAL_STEP if a == 12 else STEPS[a % SIZE]
-                columns[a] = last if a == 12 else (SIZE * i + a if a < SIZE else SIZE * j + a - SIZE)
+                first = 1 + a if a < UNKNOWNS else (UNKNOWNS + 1 if a == 12 else 0)
+                second = a - 5 if UNKNOWNS <= a < 12 else (UNKNOWNS + 1 if a == 12 else 0)
+                step = FOCAL_STEP if a == 12 else STEPS[a % UNKNOWNS]
+                columns[a] = last if a == 12 else (UNKNOWNS * i + a if a < UNKNOWNS else UNKNOWNS * j + a - UNKNOWNS)
                 narrowed = narrower * np.exp(-FOCAL_STEP) if a == 12 else narrower
                 good = good and compare_tangents(one, moved[i, first], other, moved[j, second], outlines, narrowed, there)
                 for side in range(2):
@@ -215,12 +215,12 @@ def adjust_by_tangents(views, log_focal, placed, outlines, tolerance, rounds, fr
     Returns:
         The views, the focal length and the cost.
     """
-    views, damping, size = views.copy(), 1e-3, SIZE * len(placed) + 1
+    views, damping, size = views.copy(), 1e-3, UNKNOWNS * len(placed) + 1
     cost = _measure_tangents(views, log_focal, placed, outlines, tolerance)
     for _ in range(rounds):
         hessian, gradient = _linearize_tangents(views, log_focal, placed, outlines, tolerance, free_focal, free)
         for a in range(size):
-            if (a == size - 1 and not free_focal) or (a < size - 1 and not free[a // SIZE]):
+            if (a == size - 1 and not free_focal) or (a < size - 1 and not free[a // UNKNOWNS]):
                 for b in range(size):
                     hessian[a, b] = hessian[b, a] = 0.0
                 hessian[a, a], gradient[a] = 1.0, 0.0
@@ -232,8 +232,8 @@ def adjust_by_tangents(views, log_focal, placed, outlines, tolerance, rounds, fr
             step = gradient.copy()
             solve_by_cholesky(damped, step)
             trial = views.copy()
-            for a in range(SIZE * len(placed)):
-                trial[placed[a // SIZE], a % SIZE] -= step[a]
+            for a in range(UNKNOWNS * len(placed)):
+                trial[placed[a // UNKNOWNS], a % UNKNOWNS] -= step[a]
             reached = np.inf
             if np.abs(step).max() < 1.0:
                 reached = _measure_tangents(trial, log_focal - step[size - 1], placed, outlines, tolerance)

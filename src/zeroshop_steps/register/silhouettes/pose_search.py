@@ -13,19 +13,19 @@ import numpy as np
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.viewpoints import make_intrinsics
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX, ImageSet
-from zeroshop_steps.register.silhouettes.coarse_coherence import measure_misses, try_places
+from zeroshop_steps.register.silhouettes.coarse_coherence import PRIOR_PX, measure_misses, try_places
 from zeroshop_steps.register.silhouettes.coherence import choose_rim_pixels
 from zeroshop_steps.register.silhouettes.epipolar_tangency import adjust_by_tangents, measure_prior
 from zeroshop_steps.register.silhouettes.rays import make_outline_distance
-from zeroshop_steps.register.silhouettes.view_poses import SIZE, Outlines, pose_views
+from zeroshop_steps.register.silhouettes.view_poses import UNKNOWNS, Outlines, pose_views
 
 SMALL_PX = 250  # longer side of the masks' copies
 CORNERS, RIMS = 48, 24  # of an outline
 GRID_DEG = 15
 ABOVE_DEG, ANYWHERE_DEG = (5, 65), (-65, 65)  # elevations at which views are placed
 BEAM = ((3, 240), (4, 240), (5, 120), (6, 40), (8, 12), (12, 6))  # ways that are kept, from so many views on
-PAIRS = 1200  # ways of two views that are kept, more than there are above the object: nearly any two fit in most places
 BRANCHES = 6  # places of a view that are followed in each way
+PAIRS = BRANCHES * BEAM[0][1]  # ways of two views that are kept, more than there are above the object: nearly any two fit in most places
 SAME_DEG = 8.0  # ways whose views all look from as nearly one direction are one
 EVERY = 2  # of the rims' points that are looked at while views are laid
 WIDE, USUAL_TOLERANCE, NARROW = 0.15, 0.05, 0.02
@@ -100,7 +100,7 @@ def search(
     """
     places, pairs = make_places(elevations_deg, GRID_DEG), list[tuple[float, PoseHypothesis]]()
     for elevation in np.unique(places[:, 1]):
-        first = PoseHypothesis(np.zeros((len(order), SIZE)), 0.0)
+        first = PoseHypothesis(np.zeros((len(order), UNKNOWNS)), 0.0)
         first.views[order[0], 1] = elevation
         costs, laid = try_places(order[1], places, first.views, 0.0, np.array(order[:1]), outlines, EVERY, len(places))
         for cost, view in zip(costs, laid, strict=True):
@@ -157,7 +157,7 @@ def _add_view(ways: list[PoseHypothesis], placed: np.ndarray, places: np.ndarray
 def measure_cost(way: PoseHypothesis, placed: np.ndarray, outlines: Outlines) -> float:
     """By how much the rays of these views miss, px per 1000 px in the mean, and how unusual their places are."""
     misses = measure_misses(way.views, way.log_focal, placed, outlines, EVERY)
-    return float(misses.mean() + 0.3 * np.mean([measure_prior(way.views[n], outlines.size) for n in placed]))
+    return float(misses.mean() + PRIOR_PX * np.mean([measure_prior(way.views[n], outlines.size) for n in placed]))
 
 
 def keep_distinct(ways: list[PoseHypothesis], placed: np.ndarray, width: int) -> list[PoseHypothesis]:
@@ -209,7 +209,7 @@ def make_cameras(way: PoseHypothesis, outlines: Outlines, image_set: ImageSet, f
 def read_hypothesis(cameras: list[Camera], outlines: Outlines, focal_px: np.ndarray) -> PoseHypothesis:
     """The way that cameras stand in, whose frame is that of a way."""
     log_focal = float(np.log(cameras[0].intrinsics[0, 0] / focal_px[0]))
-    views = np.zeros((len(cameras), SIZE))
+    views = np.zeros((len(cameras), UNKNOWNS))
     for view, camera, middle in zip(views, cameras, outlines.middle, strict=True):
         right, down, ahead = camera.camera_from_world[:3, :3]
         place = camera.camera_from_world[:3, 3]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-SIZE = 6  # numbers of a view
+UNKNOWNS = 6  # numbers of a view: three for its turn, three for its place
 
 
 class Outlines(NamedTuple):

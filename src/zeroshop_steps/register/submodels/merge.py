@@ -28,7 +28,6 @@ from zeroshop_steps.runtime.files import scratch_directory
 
 LEAST_IMAGES = 5  # of a group
 ROUGH_MISS_PX = 3.0  # beyond it, no way is adjusted and judged
-SHORTEST_TRACK = 2
 
 
 class Verdict(StrEnum):
@@ -140,6 +139,6 @@ def merge_models(
         for element in source.points3D[point_id].track.elements:
             if element.image_id in own:
                 track.add_element(element.image_id, element.point2D_idx)
-        if track.length() >= SHORTEST_TRACK:
+        if track.length() > 1:  # two rays make a point
             merged.add_point3D(transform_points(source.points3D[point_id].xyz[None], target_from_source)[0], track)
     return merged, {source.images[image_id].name for image_id in own}

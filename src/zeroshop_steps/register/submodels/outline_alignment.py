@@ -20,6 +20,7 @@ from zeroshop_steps.geometry.cameras.transforms import compute_scale, move_simil
 from zeroshop_steps.geometry.support.ground_plane import estimate_up_from_roll
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 from zeroshop_steps.register.silhouettes.coherence import bound_object, choose_rim_pixels
+from zeroshop_steps.register.silhouettes.pose_search import SAME_DEG
 from zeroshop_steps.register.silhouettes.rays import look_up_many, make_outline_distance
 
 RAYS, STEPS = 40, 192
@@ -30,7 +31,6 @@ OWN_MISS_PX = -2.0  # within its own group a point of a ray may miss a mask by a
 EVALUATIONS, STEP, LOSS_PX = 25, 2e-3, 2.0  # of the refinement
 FLAT_PX, FLAT_SHARE = 1.5, 0.35
 """Outlines do not say the turn where more than this share of the turns is as good as the best: 0.1 for bottles, 1 for a can."""
-SAME_DEG = 6.0  # ways that differ by a smaller turn are one
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.register.scene.record import Evidence, Fault, Finding
+from zeroshop_steps.register.scene.record import Evidence, Finding
 from zeroshop_steps.register.verification.covisibility import count_covisible_points
 from zeroshop_steps.register.verification.missing_correspondences import find_mismatched_pairs
 
@@ -31,16 +31,14 @@ def check_duplicate_structure(
     may_match: MayMatch | None = None,
     by_object: bool = False,
     images: Path | None = None,
-    compare: bool = False,
 ) -> Evidence:
-    """How many neighbouring images there are, and which of them share almost nothing; a fault where these are too many.
+    """How many neighbouring images there are, and which of them share almost nothing.
 
     Args:
         model: its images are named STEM.png.
         may_match: is asked about neighbours that share almost no points of the model, by the stems of their names.
         by_object: whether the object alone gave the matches; no ground tells its sides apart then.
         images: the folder of the model's images, where the whole scene gave the matches: these decide where many neighbours share nothing.
-        compare: whether they decide in any case, and must be enough to tell.
     """
     covisible = count_covisible_points(model)
     neighbours, apart = covisible.find_noncovisible(SHARED_POINTS)
@@ -48,15 +46,12 @@ def check_duplicate_structure(
     pairs = [(stems[one], stems[other]) for one, other in np.argwhere(np.triu(apart))]
     strangers = [pair for pair in pairs if may_match is None or not may_match(*pair)]
     entries: dict[str, Any] = {"neighbours": neighbours, "strangers": [list(pair) for pair in strangers]}
-    if images is not None and (compare or len(strangers) > max(NONCOVISIBLE_PAIRS, DOUBTFUL_SHARE * neighbours)):
+    if images is not None and len(strangers) > max(NONCOVISIBLE_PAIRS, DOUBTFUL_SHARE * neighbours):
         compared, unlike = find_mismatched_pairs(model, images)
         entries |= {"compared_pictures": compared, "unlike": [list(pair) for pair in unlike]}
         if compared >= LEAST_COMPARED:
             differ = describe_pairs(unlike, compared, "show different things where they should show the same")
             return Evidence(entries, (Finding("correspondences", len(unlike) / (UNLIKE_SHARE * compared), differ),))
-        if compare:
-            few = f"only {compared} pairs of neighbouring images can be compared, {LEAST_COMPARED} are needed to tell sides that look alike"
-            return Evidence(entries, fault=Fault(few))
     excused = max(0 if by_object else NONCOVISIBLE_PAIRS, NONCOVISIBLE_SHARE * neighbours) + 0.5
     found = describe_pairs(strangers, neighbours, "share almost nothing")
     return Evidence(entries, (Finding("covisibility", len(strangers) / excused, found),))

@@ -13,6 +13,7 @@ import pycolmap
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
+from zeroshop_steps.register.matching.verified_matches import MAX_ERROR_PX
 from zeroshop_steps.register.scene.database import read_matches, read_places
 
 
@@ -57,7 +58,7 @@ class EpipolarSupport:
         return best, tuple(name for name, inside in zip(self.names, group, strict=True) if inside)
 
 
-def count_epipolar_support(model: pycolmap.Reconstruction, database: Path, max_error_px: float = 4.0) -> EpipolarSupport:
+def count_epipolar_support(model: pycolmap.Reconstruction, database: Path, max_error_px: float = MAX_ERROR_PX) -> EpipolarSupport:
     """Test the verified matches of all registered pairs against the model's cameras.
 
     A match supports the model when its Sampson distance to the model's epipolar geometry is at most `max_error_px` and the

@@ -19,6 +19,7 @@ from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.cameras.transforms import measure_turn_deg
 from zeroshop_steps.geometry.support.ground_plane import estimate_up_from_roll
 from zeroshop_steps.register.matching.rotation_consistency import estimate_turn
+from zeroshop_steps.register.scene.database import LEAST_TIES
 from zeroshop_steps.register.scene.record import Evidence, Finding
 from zeroshop_steps.register.verification.epipolar_support import count_epipolar_support
 from zeroshop_steps.register.verification.view_coverage import measure_directions, measure_view_coverage
@@ -28,7 +29,7 @@ Pair = tuple[str, str]
 
 GAP_DEG = 90.0
 """Azimuths without a camera: what is folded has a gap of about half a circle, or more."""
-LEAST_MATCHES, CONTRADICTED_SHARE = 30, 0.7  # of a pair that the model contradicts
+CONTRADICTED_SHARE = 0.7  # of the matches of a pair that the model contradicts
 NEAR_DEG, APART_DEG = 75.0, 40.0
 """By its own matches, such a pair is as near as this; in the model, it is so much farther apart."""
 BEYOND_DEG, LEVEL_DEG = 10.0, 20.0
@@ -59,15 +60,10 @@ class LoopGap:
         """Of the finding that the gap is no gap."""
         return len(self.beyond) / max(LEAST_PAIRS, LEAST_SHARE * self.judged)
 
-    @property
-    def is_folded(self) -> bool:
-        """Whether the gap is rather none."""
-        return self.strength >= 1
-
     def figures(self) -> dict[str, Any]:
         """As written to registration.json."""
         beyond = [list(pair) for pair in self.beyond]
-        return {"gap_deg": round(self.gap_deg, 1), "judged": self.judged, "beyond": beyond, "folded": self.is_folded}
+        return {"gap_deg": round(self.gap_deg, 1), "judged": self.judged, "beyond": beyond}
 
 
 def check_loop_gap(model: pycolmap.Reconstruction, pinhole_model: pycolmap.Reconstruction, database: Path, seed: int) -> Evidence:
@@ -103,7 +99,7 @@ def measure_loop_gap(model: pycolmap.Reconstruction, pinhole_model: pycolmap.Rec
         return LoopGap(gap_deg, 0, ())
     evidence = count_epipolar_support(model, database)
     total = evidence.supporting + evidence.contradicting
-    doubtful = (total >= LEAST_MATCHES) & (evidence.contradicting >= CONTRADICTED_SHARE * total)
+    doubtful = (total >= LEAST_TIES) & (evidence.contradicting >= CONTRADICTED_SHARE * total)
     pairs = [(evidence.names[one], evidence.names[other]) for one, other in np.argwhere(np.triu(doubtful))]
     turns = {pair: turn for pair, turn in zip(pairs, estimate_turns(model, database, pairs, seed), strict=True) if turn is not None}
     rotations = {image.name: image.cam_from_world().rotation.matrix() for image in model.images.values() if image.has_pose}
@@ -148,5 +144,5 @@ def estimate_turns(model: pycolmap.Reconstruction, database: Path, pairs: Sequen
             lenses = [model.cameras[image.camera_id] for image in images]
             points = [opened.read_keypoints(image.image_id)[matches[:, side], :2].astype(np.float64) for side, image in enumerate(images)]
             turn, fitting = estimate_turn(lenses, points, seed)
-            turns.append(turn if fitting >= LEAST_MATCHES else None)
+            turns.append(turn if fitting >= LEAST_TIES else None)
     return turns

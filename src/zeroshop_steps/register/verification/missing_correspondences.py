@@ -29,7 +29,7 @@ MOST_ANGLE_DEG, MOST_SCALE = 20.0, 1.4
 """Between the rays to a point, and between its distances: farther apart, even a plane looks different."""
 MOST_POINTS, LEAST_POINTS = 40, 10  # of a pair, in either direction: that are compared, and that tell something
 OTHER_PLACES, LEAST_PLACES = 10, 3
-AWAY_PX = 45.0  # other places are so far from the point's own
+AWAY_PX = PATCH_PX * 3  # other places are so far from the point's own
 PLANE_POINTS = 12  # nearest points, which span the plane around a point
 LEAST_SLOPE = 0.1  # cosine between a plane's normal and the ray to a camera; flatter planes are seen too obliquely to be carried
 MOST_PAIRS = 150  # that are compared, drawn at random

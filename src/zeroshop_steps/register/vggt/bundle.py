@@ -9,16 +9,14 @@ import pycolmap
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.register.mapping.mapper import adjust_robustly
-from zeroshop_steps.register.mapping.reregistration import remove_images
+from zeroshop_steps.register.mapping.reregistration import ITERATIONS, MIN_ANGLE_DEG, remove_images
 from zeroshop_steps.register.matching.verified_matches import verify_pairs
 from zeroshop_steps.register.scene.database import create_database
+from zeroshop_steps.register.scene.image_set import MIN_IMAGES
 from zeroshop_steps.register.vggt.tracks import TrackObservations
 
 ERROR_LIMITS_PX = (64.0, 32.0, 16.0, 8.0)  # before the last, per 1000 px of image width; a camera turned by one degree is wrong by 20
-MIN_ANGLE_DEG = 1.5  # between the rays to a point, as COLMAP's own filter has it
 LOSS_SHARE = 1 / 8  # of the limit of an error: from there on, an error counts less than its square in the adjustment
-LAST_ROUNDS = 50  # of the adjustment after images were left out
-MIN_VIEWS = 3  # of a point: any two rays meet somewhere
 
 
 def write_database(
@@ -93,7 +91,7 @@ def drop_weak_images(model: pycolmap.Reconstruction, min_observations: int, max_
     _keep_long_tracks(model)
     if model.num_points3D():
         limit_px = max_error_px * model.cameras[1].width / 1000
-        adjust_robustly(model, LOSS_SHARE * limit_px, LAST_ROUNDS)
+        adjust_robustly(model, LOSS_SHARE * limit_px, ITERATIONS)
         pycolmap.ObservationManager(model).filter_all_points3D(limit_px, MIN_ANGLE_DEG)
         _keep_long_tracks(model)
     return model
@@ -144,7 +142,7 @@ def _build_model(
         pose = pycolmap.Rigid3d(pycolmap.Rotation3d(poses[index, :, :3]), poses[index, :, 3])
         keypoints = seen.xy[index, seen.seen[index]]
         model.add_image_with_trivial_frame(pycolmap.Image(name=name, keypoints=keypoints, camera_id=1, image_id=index + 1), pose)
-    for track in np.flatnonzero(kept.sum(0) >= MIN_VIEWS):
+    for track in np.flatnonzero(kept.sum(0) >= MIN_IMAGES):
         views = np.flatnonzero(kept[:, track])
         elements = [pycolmap.TrackElement(int(view) + 1, int(number[view, track])) for view in views]
         point = pycolmap.Point3D(xyz=points[track], color=seen.colors[track], track=pycolmap.Track(elements))
@@ -156,5 +154,5 @@ def _build_model(
 
 def _keep_long_tracks(model: pycolmap.Reconstruction) -> None:
     manager = pycolmap.ObservationManager(model)
-    for point_id in [point_id for point_id, point in model.points3D.items() if point.track.length() < MIN_VIEWS]:
+    for point_id in [point_id for point_id, point in model.points3D.items() if point.track.length() < MIN_IMAGES]:
         manager.delete_point3D(point_id)

@@ -17,7 +17,7 @@ from zeroshop_steps.runtime.errors import StepError
 
 CHUNKS = {"cpu": (1,), "cuda": (8, 4, 2, 1)}
 """Images at a time in the dense heads, the first that fits: on the processor more than one only costs memory."""
-VALUE_BYTES = 4  # of a float32
+VALUE_BYTES = torch.float32.itemsize
 BASE_BYTES = 600_000_000  # Python and PyTorch themselves
 TOKEN_WIDTHS = {False: 18, True: 14}
 """Values of a token that are alive at once in a block, as a multiple of the token's width, and where bfloat16 is used; measured."""

@@ -14,7 +14,8 @@ from zeroshop_steps.geometry.cameras.pinhole import Camera, SparseModel
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.observation.visual_hull import VisualHull
 from zeroshop_steps.geometry.support.ground_plane import DEVIATION_OF_MEDIAN
-from zeroshop_steps.register.scene.depth_folder import LEAST_IMAGES, OFF_DIAGONALS, DepthFolder
+from zeroshop_steps.register.scene.depth_folder import OFF_DIAGONALS, DepthFolder
+from zeroshop_steps.register.scene.image_set import MIN_IMAGES
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.surface.mvs.depth_maps import ray_slopes, unproject
 from zeroshop_steps.surface.mvs.free_space import HullDistanceField
@@ -78,10 +79,8 @@ def read_given_depth(
             if len(ratio) >= LEAST_POINTS:
                 ratios[view.camera.name] = float(np.median(ratio))
                 residuals.append((ratio / np.median(ratio) - 1.0) / off)
-    if len(ratios) < LEAST_IMAGES:
-        warn(
-            f"{folder.folder}: {len(ratios)} depth images show enough sparse points to tell the scale, {LEAST_IMAGES} are needed{REFUSALS}"
-        )
+    if len(ratios) < MIN_IMAGES:
+        warn(f"{folder.folder}: {len(ratios)} depth images show enough sparse points to tell the scale, {MIN_IMAGES} are needed{REFUSALS}")
         return None
     # What is left says whether the camera is worse than its kind.
     factor = max(1.0, DEVIATION_OF_MEDIAN * float(np.median(np.abs(np.concatenate(residuals)))))
@@ -100,8 +99,8 @@ def read_given_depth(
                 off_shares[view.camera.name] = off_share
         depths.append(depth.astype(np.float32))
         deviations.append(np.where(depth > 0, deviation, 0.0).astype(np.float32))
-    if len(off_shares) < LEAST_IMAGES:
-        warn(f"{folder.folder}: only {len(off_shares)} depth images have measured depth on the object, {LEAST_IMAGES} are needed{REFUSALS}")
+    if len(off_shares) < MIN_IMAGES:
+        warn(f"{folder.folder}: only {len(off_shares)} depth images have measured depth on the object, {MIN_IMAGES} are needed{REFUSALS}")
         return None
     _, spread, off_share = folder.agree({name: ratios[name] for name in off_shares}, off_shares)
     figures = {
