@@ -11,10 +11,11 @@ from helpers.small_detectors import save_fastsam
 from zeroshop_steps import methods
 from zeroshop_steps.bop.formats.detections import decode_mask, read_detections
 from zeroshop_steps.detect.cnos import assign_objects, describe_views, score_objects
-from zeroshop_steps.detect.cnos.crops import MEAN, CropDescriber, crop_masked
+from zeroshop_steps.detect.cnos.crops import CropDescriber, crop_masked
 from zeroshop_steps.detect.cnos.segment_anything import SegmentAnything, drop_duplicate_masks, drop_small_masks, measure_stability
 from zeroshop_steps.detect.templates import read_templates
 from zeroshop_steps.geometry.imaging.images import read_image, read_mask
+from zeroshop_steps.networks.imagenet import MEAN
 from zeroshop_steps.runtime.cli import stage_methods
 
 

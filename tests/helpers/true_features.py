@@ -12,10 +12,10 @@ from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
 from zeroshop_steps.detect.cnos.crops import SIDE_PX, cover_patches, cut_square
 from zeroshop_steps.detect.templates import Templates
 from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.networks.imagenet import DEVIATION, MEAN
 from zeroshop_steps.networks.sam6d.model import Sam6dPem
 from zeroshop_steps.networks.sam6d.point_matching import SparseCloud
 from zeroshop_steps.networks.sam6d.settings import Sam6dSettings
-from zeroshop_steps.pose.sam6d_pem.crops import DEVIATION, MEAN
 
 CHANNELS, GRID = 256, 16
 SAME_PLACE_MM = 12.0  # places that are farther apart have features of little likeness (their cosine is below 0.6)

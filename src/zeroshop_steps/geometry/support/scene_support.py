@@ -7,7 +7,7 @@ import numpy as np
 from zeroshop_steps.geometry.cameras.pinhole import Camera, SparseModel
 from zeroshop_steps.geometry.cameras.ray_convergence import find_nearest_point
 from zeroshop_steps.geometry.cameras.registered_views import View
-from zeroshop_steps.geometry.support.ground_plane import SMALLEST_TRIANGLE, Plane, propose_ups
+from zeroshop_steps.geometry.support.ground_plane import REFINEMENT_ROUNDS, SMALLEST_TRIANGLE, Plane, propose_ups
 from zeroshop_steps.runtime.errors import StepError
 
 # Lengths are shares of the cameras' median distance from the focus.
@@ -23,7 +23,6 @@ MIN_INLIERS = 40  # fewer points are a plane by chance
 OBJECT_DISTANCES = 0.22  # the radius of an object that fills most of the photos' height
 AROUND_SHARE = 0.15  # of the inliers lie beyond it; a plane without them is a flat side of the object itself
 AT_ONCE = 250  # candidates, for memory
-REFINEMENT_ROUNDS = 10  # of least squares on the current inliers, which settle in fewer
 
 
 @dataclass(frozen=True)
