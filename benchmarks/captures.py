@@ -15,7 +15,6 @@ from capture_benchmark.mask_stage import PICTURE, MaskCommand, judge_masks, run_
 from capture_benchmark.mesh_stage import MASK_PICTURE, MESH_PICTURE, judge_mesh, run_all
 from capture_benchmark.results import PAGE, TABLE, summarize, write_results
 from capture_benchmark.table import HALVES, Capture, choose_captures, read_captures
-
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.runtime.errors import StepError
 

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
+
 from capture_benchmark.table import HALVES
 from masked_photos import MaskedPhoto, find_rendered, pair_folders
-
 from zeroshop_steps.capture.photo_files import MAX_SIDE_PX, read_photo
 from zeroshop_steps.geometry.imaging.images import compute_overlap, read_mask
 from zeroshop_steps.networks.saliency.object_finder import keep_main_thing

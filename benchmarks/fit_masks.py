@@ -18,8 +18,8 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
-from mask_samples import Truth, mislead, name_object, read_truth, sample, scale_to
 
+from mask_samples import Truth, mislead, name_object, read_truth, sample, scale_to
 from zeroshop_steps.geometry.imaging.images import compute_overlap
 from zeroshop_steps.networks.mobile_sam.model import MobileSam
 from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 import pycolmap
-from capture_benchmark.table import choose_half
 from scipy.optimize import minimize
 from scipy.special import expit, xlogy
-from verdict_samples import sample
 
+from capture_benchmark.table import choose_half
+from verdict_samples import sample
 from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.register.verification.verdict import MAX_WRONG_PROBABILITY, MEASURES, MOST_STRENGTH, WEIGHTS
 

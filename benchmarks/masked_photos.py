@@ -5,7 +5,6 @@ from pathlib import Path
 
 from capture_benchmark.inputs import find_inputs
 from capture_benchmark.table import choose_captures, read_captures
-
 from zeroshop_steps.capture.photo_files import list_photos
 from zeroshop_steps.geometry.imaging.images import list_images
 from zeroshop_steps.runtime.errors import StepError

@@ -15,11 +15,11 @@ import cv2
 import numpy as np
 import torch
 import torch.nn.functional as F
-from masked_photos import MaskedPhoto, find_rendered
 
+from masked_photos import MaskedPhoto, find_rendered
+from u2net import U2Net, read_weights, write_weights
 from zeroshop_steps.geometry.imaging.images import read_image, read_mask
 from zeroshop_steps.networks.saliency.salient_networks import DEFAULT, NETWORKS
-from zeroshop_steps.networks.saliency.u2net import U2Net, read_weights, write_weights
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
 from zeroshop_steps.runtime.progress import ProgressReport

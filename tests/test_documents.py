@@ -10,9 +10,7 @@ import pytest
 
 from helpers.paths import REPOSITORY
 from helpers.running import run_snakemake
-
-sys.path.insert(0, str(REPOSITORY / "benchmarks"))
-from results_tables import PAGE, TABLES, fill  # noqa: E402
+from results_tables import PAGE, TABLES, fill
 
 MAX_CHARACTERS = 120
 README_LINES = 100

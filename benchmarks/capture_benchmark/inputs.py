@@ -8,11 +8,11 @@ from pathlib import Path
 from capture_benchmark.commands import last_line, run_step
 from capture_benchmark.rendered import render, write_model
 from capture_benchmark.table import Capture
+from casual_captures.scene import DIFFICULTIES
 from zeroshop_steps.networks.aliked import FOLDER
 from zeroshop_steps.networks.saliency.salient_networks import DEFAULT, NETWORKS
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.synthetic.film import render_film
-from zeroshop_steps.synthetic.scenes.casual_scene import DIFFICULTIES
 from zeroshop_steps.synthetic.scenes.table_tops import TABLE_TOPS
 
 SEED = 0

@@ -2,15 +2,15 @@
 
 from pathlib import Path
 
+from casual_captures.capture import render_casual_capture
+from casual_captures.home_objects import list_home_objects, write_home_object
 from zeroshop_steps.register import truth
 from zeroshop_steps.register.features.sift import SiftOptions
 from zeroshop_steps.register.registration import write_registration
 from zeroshop_steps.register.scene.image_set import read_image_set
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.synthetic.bop_models import copy_model
-from zeroshop_steps.synthetic.casual_capture import render_casual_capture
 from zeroshop_steps.synthetic.demo_objects import list_demo_objects, write_demo_object
-from zeroshop_steps.synthetic.home_objects import list_home_objects, write_home_object
 
 SEED = 0
 ENOUGH_FEATURES = 400  # of a photo of 720 px; more would be sought at twice its resolution, in four times the time

@@ -27,6 +27,12 @@ Every key with its default, what else it may be, and what it means. This list is
 `workflow/schemas/config.schema.yaml` and `config/config.yaml` by `python -m zeroshop_steps.config_manual`.
 A star stands for all presets of a method.
 
+Any other option of a step may stand in the section of that step, such as `register: {colmap: {min_share: 0.6}}` or
+`nvs: {2dgs: {train: {lambda_dssim: 0.1}}}`. `python -m zeroshop_steps.surface --method twodgs --help` lists those of
+training by 2DGS, and so on. `assets` has those of `assets --method body`, `finish.clean` those of `finish --method
+shape`, `grasp` those of `grasp --method antipodal`, and `report.page` those of `report --method object_page`. A
+`device` there comes before `devices`.
+
 """
 
 

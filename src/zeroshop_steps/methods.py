@@ -40,6 +40,7 @@ class Method:
         preset: whether it is a row of PRESETS: its step is told its weights, and all that the config has of it.
         title: how papers write it, for reports; the name by default.
         rank: its place in tables, the lowest first; then by name.
+        defaults: options of its step that a preset has in place of the step's own.
         weights: files below resources/weights.
         models: its networks that the config may exchange: for the key of its options that names the folder of one, the usual folder
             below resources/weights and the files in it.
@@ -95,6 +96,7 @@ class Method:
     preset: bool = False
     title: str = ""
     rank: int = 100
+    defaults: dict[str, Any] = field(default_factory=dict)
     weights: tuple[str, ...] = ()
     models: dict[str, tuple[str, tuple[str, ...]]] = field(default_factory=dict)
     choices: dict[str, dict[str, tuple[str, ...]]] = field(default_factory=dict)

@@ -1,6 +1,5 @@
 """The benchmark of captures: its table, its words for outcomes, and a tiny capture from its stored scene to the page."""
 
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,22 +8,19 @@ import cv2
 import numpy as np
 import pytest
 
+import captures
+from capture_benchmark.pictures import draw_six_sides
+from capture_benchmark.results import compare_tables, summarize
+from capture_benchmark.scores import name_outcome
+from capture_benchmark.table import Capture, choose_captures, read_captures
 from helpers.ball_scene import write_ball_scene
+from helpers.capture_box import box_mesh
 from helpers.paths import REPOSITORY
 from zeroshop_steps.geometry.imaging.images import write_image, write_mask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import Failure, write_failure
 from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.runtime.tables import read_table
-
-sys.path.insert(0, str(REPOSITORY / "benchmarks"))
-import captures  # noqa: E402
-from capture_benchmark.pictures import draw_six_sides  # noqa: E402
-from capture_benchmark.results import compare_tables, summarize  # noqa: E402
-from capture_benchmark.scores import name_outcome  # noqa: E402
-from capture_benchmark.table import Capture, choose_captures, read_captures  # noqa: E402
-
-from helpers.capture_box import box_mesh  # noqa: E402
 
 TABLE = REPOSITORY / "benchmarks/captures/captures.csv"
 HEADER = "name,object,kind,path,setting,expected,height_m,masks,cameras,mesh"

@@ -9,19 +9,16 @@ import numpy as np
 import pytest
 import torch
 
-from helpers.paths import REPOSITORY
+import compare_networks
+import train_network
 from helpers.small_saliency import write_network
 from helpers.small_u2net import export_small, make_small
+from masked_photos import find_rendered
+from train_network import Settings, choose_surroundings, make_example, train
+from u2net import U2Net, read_weights
 from zeroshop_steps.geometry.imaging.images import write_image, write_mask
-from zeroshop_steps.networks.saliency.u2net import U2Net, read_weights
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import read_table
-
-sys.path.insert(0, str(REPOSITORY / "benchmarks"))
-import compare_networks  # noqa: E402
-import train_network  # noqa: E402
-from masked_photos import find_rendered  # noqa: E402
-from train_network import Settings, choose_surroundings, make_example, train  # noqa: E402
 
 SIDE_PX = 32
 SETTINGS = Settings(updates=6, batch=2, learning_rate=2e-2, frozen=1, seed=0)

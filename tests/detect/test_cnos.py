@@ -11,10 +11,11 @@ from helpers.small_detectors import save_fastsam
 from zeroshop_steps import methods
 from zeroshop_steps.bop.formats.detections import decode_mask, read_detections
 from zeroshop_steps.detect.cnos import assign_objects, describe_views, score_objects
-from zeroshop_steps.detect.cnos.crops import MEAN, CropDescriber, crop_masked
+from zeroshop_steps.detect.cnos.crops import CropDescriber, crop_masked
 from zeroshop_steps.detect.cnos.segment_anything import SegmentAnything, drop_duplicate_masks, drop_small_masks, measure_stability
 from zeroshop_steps.detect.templates import read_templates
 from zeroshop_steps.geometry.imaging.images import read_image, read_mask
+from zeroshop_steps.networks.imagenet import DEVIATION, MEAN
 from zeroshop_steps.runtime.cli import stage_methods
 
 
@@ -83,7 +84,7 @@ def test_crops_show_the_region_alone_in_the_middle_of_a_square():
     mask[10:30, 20:60] = True
     mask[10:20, 20:40] = False
     crop = crop_masked(image, mask)
-    black, white = -MEAN / [0.229, 0.224, 0.225], (1 - MEAN) / [0.229, 0.224, 0.225]
+    black, white = ((level - np.array(MEAN)) / DEVIATION for level in (0, 1))
     assert crop.shape == (3, 224, 224)
     for row, column, color in ((50, 112, black), (60, 20, black), (60, 200, white), (160, 20, white), (175, 112, black)):
         np.testing.assert_allclose(crop[:, row, column], color, atol=1e-5)

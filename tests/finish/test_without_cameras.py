@@ -5,10 +5,11 @@ import pytest
 import trimesh
 
 from helpers.faults import step
-from zeroshop_steps.finish.preview import TILE_PX, draw_around
+from zeroshop_steps.finish.preview import draw_around
 from zeroshop_steps.finish.texture import bake_colors
 from zeroshop_steps.finish.texturing.atlas import rasterize_atlas
 from zeroshop_steps.finish.texturing.unwrap import unwrap_mesh
+from zeroshop_steps.geometry.imaging.contact_sheets import TILE_WIDTH_PX
 from zeroshop_steps.geometry.meshes.mass_properties import count_open_edges
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
@@ -86,8 +87,8 @@ def test_the_finished_mesh_is_whole_as_high_as_said_and_a_guess(cell):
     assert "nothing of it was measured" in facts["frame_facts"]["warnings"][0]
     assert mesh.texture_image.shape == (256, 256, 3) and (cell / "mesh.glb").stat().st_size > 1000
     picture = draw_around(mesh, 2)
-    assert picture.shape == (2 * TILE_PX, 2 * TILE_PX, 3)
-    middle = picture[TILE_PX // 2, TILE_PX // 2].astype(float)  # seen from +x, 25 degrees above
+    assert picture.shape == (2 * TILE_WIDTH_PX, 2 * TILE_WIDTH_PX, 3)
+    middle = picture[TILE_WIDTH_PX // 2, TILE_WIDTH_PX // 2].astype(float)  # seen from +x, 25 degrees above
     toward = RADIUS * np.array([np.cos(np.radians(25)), 0, np.sin(np.radians(25))])
     assert np.abs(middle - gradient(toward)).max() < 12
 

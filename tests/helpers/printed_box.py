@@ -37,4 +37,4 @@ def taken(model: ObjectModel, pose: np.ndarray, rng: np.random.Generator, hidden
         mask[:, : int(np.median(np.nonzero(mask)[1]))] = False
     measured = np.where(depth > 0, depth, 950.0) + rng.normal(0, 1, depth.shape)
     measured[(depth > 0) & ~mask] = 500.0
-    return renderer.render_color(camera), measured.astype(np.float32), mask
+    return renderer.render_color(camera, (0, 0, 0)), measured.astype(np.float32), mask

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import torch
 
-from zeroshop_steps.networks.saliency.u2net import U2Net
+from u2net import U2Net
 
 
 def make_small(seed: int = 0) -> U2Net:

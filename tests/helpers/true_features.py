@@ -12,10 +12,10 @@ from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
 from zeroshop_steps.detect.cnos.crops import SIDE_PX, cover_patches, cut_square
 from zeroshop_steps.detect.templates import Templates
 from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.networks.imagenet import DEVIATION, MEAN
 from zeroshop_steps.networks.sam6d.model import Sam6dPem
 from zeroshop_steps.networks.sam6d.point_matching import SparseCloud
 from zeroshop_steps.networks.sam6d.settings import Sam6dSettings
-from zeroshop_steps.pose.sam6d_pem.crops import DEVIATION, MEAN
 
 CHANNELS, GRID = 256, 16
 SAME_PLACE_MM = 12.0  # places that are farther apart have features of little likeness (their cosine is below 0.6)
@@ -130,7 +130,9 @@ class TrueNetwork(Sam6dPem):
         colors = crops[0].flatten(1)[:, chosen[0]].T.numpy() * DEVIATION + MEAN
         shares = (255 * colors[:, ::-1] - 55) / 200
         features = random_features(self._box_mm[0] + shares * (self._box_mm[1] - self._box_mm[0]), 0, self._same_place_mm)
-        black = (crops[0].permute(1, 2, 0) * torch.from_numpy(DEVIATION) + torch.from_numpy(MEAN)).sum(2) < DARKEST
+        black = (crops[0].permute(1, 2, 0) * torch.tensor(DEVIATION, dtype=torch.float64) + torch.tensor(MEAN, dtype=torch.float64)).sum(
+            2
+        ) < DARKEST
         outline = torch.nn.functional.max_pool2d(black[None, None].float(), 2 * OUTLINE_PX + 1, 1, OUTLINE_PX).flatten()[chosen[0]].bool()
         features[outline.numpy()] = 0
         return torch.from_numpy(features + self._rng.normal(0, self._noise / np.sqrt(CHANNELS), features.shape))[None].float()

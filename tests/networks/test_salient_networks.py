@@ -10,11 +10,10 @@ import pytest
 from helpers.paths import REPOSITORY
 from helpers.small_saliency import DEVIATION, MEAN, write_network
 from zeroshop_steps.geometry.imaging.images import read_image, write_image
+from zeroshop_steps.networks.imagenet import LEVEL_DEVIATION, LEVEL_MEAN
 from zeroshop_steps.networks.saliency import salient_networks
 from zeroshop_steps.networks.saliency.salient_networks import (
     DEFAULT,
-    IMAGENET_DEVIATION,
-    IMAGENET_MEAN,
     NETWORKS,
     network_path,
     require_network,
@@ -50,8 +49,8 @@ def test_each_named_network_has_its_row():
     [
         ("isnet.onnx", 1024, NETWORKS["isnet"].mean),
         ("IsNet-general-use.onnx", 1024, NETWORKS["isnet"].mean),
-        ("BiRefNet-general-epoch_244.onnx", 1024, IMAGENET_MEAN),
-        ("u2net.onnx", 320, IMAGENET_MEAN),
+        ("BiRefNet-general-epoch_244.onnx", 1024, LEVEL_MEAN),
+        ("u2net.onnx", 320, LEVEL_MEAN),
     ],
 )
 def test_a_file_is_known_by_its_name_and_the_size_of_its_images(tmp_path, capfd, file, side_px, mean):
@@ -74,7 +73,7 @@ def test_a_network_that_is_not_known_is_said(tmp_path, capfd):
     for file in ("mine.onnx", "isnet.onnx"):
         write_network(tmp_path / file)
         described = SalientObjectNetwork(tmp_path / file).describe()
-        assert described["mean"] == pytest.approx(IMAGENET_MEAN) and described["deviation"] == pytest.approx(IMAGENET_DEVIATION)
+        assert described["mean"] == pytest.approx(LEVEL_MEAN) and described["deviation"] == pytest.approx(LEVEL_DEVIATION)
         said = capfd.readouterr().err
         assert f"warning: {tmp_path / file} is none of the known networks" in said and "set segment.saliency.mean and deviation" in said
     assert SalientObjectNetwork(tmp_path / "mine.onnx", MEAN, DEVIATION).describe()["mean"] == MEAN

@@ -65,5 +65,5 @@ def test_an_open_underside_is_closed_and_unseen() -> None:
 
 def test_masses_are_known_or_asked_for() -> None:
     assert find_mass_kg("ycbv/obj_000005") == 0.603
-    with pytest.raises(StepError, match="simulate: {mass_kg:"):
+    with pytest.raises(StepError, match="assets: {masses_kg: {mine: {cup: 0.2}}}"):
         find_mass_kg("mine/cup")

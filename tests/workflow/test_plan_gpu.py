@@ -28,18 +28,17 @@ def asked_for(folder: Path, config: dict, limits: dict[str, int]) -> dict[str, d
 
 
 def on(device: str) -> dict:
-    """Changes of the config by which both optimizers, a detector, a pose estimator, the texture and the evaluation run on a device."""
-    trained, network = {"train": {"device": device}}, {"device": device}
-    surfaces, finish = {"2dgs": trained, "svraster": trained}, {"device": device}
-    return {"nvs": surfaces, "detect": {"cnos": network}, "pose": {"foundationpose": network}, "finish": finish}
+    """Changes of the config by which networks, both optimizers, the texture and the evaluation run on a device."""
+    return {"devices": {"networks": device, "kernels": device}}
 
 
 def test_on_the_processor_no_step_asks_for_a_gpu(tmp_path):
     asked = asked_for(tmp_path, on("cpu"), {})
-    for name in ("train_2dgs", "train_svraster", "cnos", "estimate_poses", "texture", "evaluate", "fuse_2dgs", "shape"):
+    names = ("train_2dgs", "train_svraster", "register", "cnos", "estimate_poses", "texture", "evaluate", "fuse_2dgs", "shape")
+    for name in names:
         assert not asked[name].get("gpu") and not asked[name].get("gpu_mem_mb"), name
     assert asked["train_2dgs"]["_cores"] == asked["train_svraster"]["_cores"] == 8
-    assert asked["register"]["gpu"] == 1, "this registration has networks, and no device in the config"
+    assert asked_for(tmp_path, {}, {})["register"]["gpu"] == 1, "networks take a card where there is one"
 
 
 @pytest.mark.parametrize(("device", "cores"), [("cuda", 2), ("auto", 8)])

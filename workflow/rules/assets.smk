@@ -7,7 +7,7 @@ results/DATASET/OBJECT/NVS.{foundationpose,nerfstudio,colmap,bop}/
 
 MESH, TEXTURE_FILE, FACTS = (f"{OBJECT}/{{nvs}}.{end}" for end in ("ply", "png", "json"))
 BODY = {"body": f"{OBJECT}/{{nvs}}.body"}
-SCALE, PACKAGE, DATE = (step_options({name: config["assets"][name]}) for name in ("unknown_scale", "package", "date"))
+SCALE, PACKAGE, DATE = (step_options({name: settings["assets"][name]}) for name in ("unknown_scale", "package", "date"))
 MADE = "Writing {output}"
 BODY_MADE = "Making a rigid body of {wildcards.object}: mass, inertia and convex parts"
 FOR_POSES = "Writing the mesh of {wildcards.object} as FoundationPose reads it"

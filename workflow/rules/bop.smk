@@ -12,7 +12,7 @@ results/DATASET/bop/NAME/poses.csv  estimates of any method; scores.csv beside i
 
 from zeroshop_steps.plan.tables import DAMAGES
 
-WITH_REAL_TESTS = "|".join(filter(plan.has_real_tests, config["datasets"])) or NOTHING
+WITH_REAL_TESTS = "|".join(filter(plan.has_real_tests, settings["datasets"])) or NOTHING
 TEST_SET = {"scenes": directory(f"{BOP}/test"), "targets": f"{BOP}/test_targets_bop19.json", "camera": f"{BOP}/camera.json"}
 
 
@@ -30,7 +30,7 @@ rule align:
     resources:
         **needs(2000, 10),
     params:
-        seed=config["seed"],
+        seed=settings["seed"],
     message:
         "Aligning with the true model: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
@@ -137,7 +137,7 @@ rule test_set:
     resources:
         **needs(4000, max(60, TEST_RENDERER.runtime_min)),
     params:
-        options=step_options({**config["bop"]["test_set"], "seed": config["seed"]}),
+        options=step_options({**settings["bop"]["test_set"], "seed": settings["seed"]}),
         environment=given("environment"),
     message:
         "Rendering the test set of {wildcards.dataset}"

@@ -13,6 +13,7 @@ from zeroshop_steps import methods
 from zeroshop_steps.plan.pages import Pages
 from zeroshop_steps.plan.captures import BOARD_SCENE, JOINED_PHOTOS, JOINED_SCENE, LATER_PASSES, OBJECT_SCENE, TURNED_SCENE, WHOLE_SCENE
 from zeroshop_steps.plan.datasets import NOTHING
+from zeroshop_steps.plan.step_options import check_step_options
 from zeroshop_steps.runtime.cache import check_cache
 from zeroshop_steps.runtime.code_version import source_version
 from zeroshop_steps.runtime.errors import StepError
@@ -38,11 +39,14 @@ shell.prefix(
 
 try:
     check_cache()
-    check_config(config, read_config_schema(PROJECT / "workflow/schemas/config.schema.yaml", methods.CHOICES, methods.SECTIONS))
+    config_schema = read_config_schema(PROJECT / "workflow/schemas/config.schema.yaml", methods.CHOICES, methods.SECTIONS)
+    check_config(config, config_schema)
     row_schema = PROJECT / "workflow/schemas/objects.schema.yaml"
     rows = read_objects(ROOT / config["objects_table"], row_schema, methods.HEIGHTS, methods.GIVEN_HEIGHTS)
     # What rules ask when Snakemake plans: its methods are the input functions.
     plan = Pages(config, ROOT, rows, logger.info)
+    if workflow.is_main_process:
+        check_step_options(plan.config, config_schema)
 except StepError as error:
     raise WorkflowError(str(error)) from None
 
@@ -57,6 +61,7 @@ OBJECT, SCENE, RUN, CELL, BOP, TABLES, REPORT = (
     plan.report,
 )
 step_options = plan.options
+settings = plan.config  # with every section complete
 
 # Where a method cannot run here, its step records that as a failure, and the rest goes on. Added to the commands of cells, which record
 # other failures anyway; and to those that otherwise end with an error.

@@ -3,7 +3,7 @@
 from zeroshop_steps.evaluate.grading import check_limits
 
 try:
-    for name, limits in config["finish"]["grade"].items():
+    for name, limits in settings["finish"]["grade"].items():
         check_limits(name, limits)
 except StepError as error:
     raise WorkflowError(str(error)) from None
@@ -65,7 +65,7 @@ GRADE = "Grading the mesh of {wildcards.object}, scene {wildcards.scene}, {wildc
 UNSEEN = "Noting that the mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.nvs}, was never seen and is not graded"
 # By rule: the datasets, the registration, what it reads and writes, what it takes of a GPU's memory, and what it says. One photo's pixels,
 # 8 bytes each, and the mesh are there, beside what CUDA itself takes.
-GPU_MB = 1500 if config["finish"]["device"] != "cpu" else 0
+GPU_MB = 1500 if settings["finish"]["device"] != "cpu" else 0
 EVALUATIONS = {
     "evaluate": (plan.of_kinds("demo", "bop", "films"), WITH_CAMERAS, SEEN | TRUE, GRADES | QUALITY | VIEWS, GPU_MB, GRADE),
     "evaluate_photos": (plan.of_kinds("photos"), WITH_CAMERAS, SEEN, GRADES | VIEWS, GPU_MB, GRADE),
@@ -89,7 +89,7 @@ for name, (datasets, registration, reads, writes, gpu_mb, says) in EVALUATIONS.i
             **needs(3000, 10, gpu_mb),
         params:
             inputs=given(),
-            options=step_options({"device": config["finish"]["device"], **config["finish"]["grade"]}),
+            options=step_options({"device": settings["finish"]["device"], **settings["finish"]["grade"]}),
         message:
             says
         shell:

@@ -7,10 +7,10 @@ A cell of a generative method without cameras (registration none) is finished, a
 
 from zeroshop_steps.plan.datasets import NAMED_FILES
 
-SHAPE = {**config["finish"]["clean"], **{name: config["finish"][name] for name in ("underside", "holes", "hollows")}}
-TEXTURE = {"texture_size": config["finish"]["texture_size_px"]}
+SHAPE = {**settings["finish"]["clean"], **{name: settings["finish"][name] for name in ("underside", "holes", "hollows")}}
+TEXTURE = {"texture_size": settings["finish"]["texture_size_px"]}
 # All texels at most, 41 bytes each, and one photo, beside what CUDA itself takes.
-TEXTURE_MB = 1000 + 41 * config["finish"]["texture_size_px"] ** 2 // 10**6 if config["finish"]["device"] != "cpu" else 0
+TEXTURE_MB = 1000 + 41 * settings["finish"]["texture_size_px"] ** 2 // 10**6 if settings["finish"]["device"] != "cpu" else 0
 FINISHED = {
     "mesh": f"{CELL}/mesh.ply",
     "texture": f"{CELL}/mesh.png",
@@ -79,7 +79,7 @@ rule texture:
     resources:
         **needs(3000, 10, TEXTURE_MB),
     params:
-        options=step_options({**TEXTURE, "device": config["finish"]["device"]}),
+        options=step_options({**TEXTURE, "device": settings["finish"]["device"]}),
         # When a run was asked for a mesh that records a failure: it is tried again, and the run ends with the reason.
         asked=lambda wildcards: (
             STARTED_S if FINISHED["mesh"].format(**wildcards) in workflow.dag_settings.targets and plan.has_failed(wildcards) else None
@@ -152,7 +152,7 @@ rule finish_without_cameras:
     resources:
         **needs(3000, 15),
     params:
-        options=step_options({**config["finish"]["clean"], "holes": config["finish"]["holes"], **TEXTURE}),
+        options=step_options({**settings["finish"]["clean"], "holes": settings["finish"]["holes"], **TEXTURE}),
     message:
         "Finishing the generated mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.nvs}, without cameras"
     shell:

@@ -24,7 +24,7 @@ rule grasps:
     resources:
         **needs(2000, 5),
     params:
-        options=step_options({**config["grasp"], "seed": config["seed"]}),
+        options=step_options({**settings["grasp"], "seed": settings["seed"]}),
     message:
         "Finding grasps of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
@@ -44,7 +44,7 @@ rule grasp_picture:
     resources:
         **needs(1000, 5),
     params:
-        options=step_options({"unknown_scale": config["grasp"]["unknown_scale"]}),
+        options=step_options({"unknown_scale": settings["grasp"]["unknown_scale"]}),
     message:
         "Drawing the best grasps of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:

@@ -39,7 +39,7 @@ rule join_passes:
     resources:
         **needs(3000, 30),
     params:
-        options=step_options({"weights": config["register"]["aliked"]["weights"], "seed": config["seed"]}),
+        options=step_options({"weights": settings["register"]["aliked"]["weights"], "seed": settings["seed"]}),
         weights=plan.weights_stamp("register", methods.REGISTRATIONS["aliked"]),
     message:
         "Joining the passes of {wildcards.object}, {wildcards.registration}"

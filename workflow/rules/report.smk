@@ -7,7 +7,7 @@ results/ycbv/report/thesis/index.html    the thesis's tables, figure by figure, 
 """
 
 THESIS = f"{REPORT}/thesis".format(dataset="ycbv")
-RECORDED_FIGURES = "--rehearsal" if config["thesis"]["rehearsal"] else f"--recorded {shlex.quote(os.path.relpath(PROJECT / 'docs'))}"
+RECORDED_FIGURES = "--rehearsal" if settings["thesis"]["rehearsal"] else f"--recorded {shlex.quote(os.path.relpath(PROJECT / 'docs'))}"
 
 
 localrules:
@@ -27,7 +27,7 @@ rule report_object:
     params:
         folder=OBJECT,
         chosen=plan.first_shown,
-        options=step_options(config["report"]["page"]),
+        options=step_options(settings["report"].get("page", {})),
         changes=lambda wildcards: plan.changes_option(PROJECT / "config/config.yaml"),
         others=plan.other_cells,
     message:

@@ -44,7 +44,7 @@ rule list_objects:
     resources:
         **needs(4000, 30),
     params:
-        options=step_options({"seed": config["seed"]}),
+        options=step_options({"seed": settings["seed"]}),
     message:
         "Listing the objects in the photos of {wildcards.object}"
     shell:

@@ -9,7 +9,7 @@ MODELS: models (true), models_delivered_NVS, models_misjudged_NVS, or true ones 
 """
 
 GRIPPER, SCENE_COUNTS = (
-    step_options({key: config["simulate"][key] for key in keys} | {"seed": config["seed"]})
+    step_options({key: settings["simulate"][key] for key in keys} | {"seed": settings["seed"]})
     for keys in (("gripper", "friction"), ("clear_scenes", "overlapping_scenes"))
 )
 
@@ -26,7 +26,7 @@ rule physical_model:
     resources:
         **needs(2000, 10),
     params:
-        mass=lambda wildcards: step_options({"mass_kg": config["simulate"]["mass_kg"].get(f"{wildcards.dataset}/{wildcards.object}")}),
+        mass=lambda wildcards: step_options({"mass_kg": settings["assets"]["masses_kg"].get(wildcards.dataset, {}).get(wildcards.object)}),
     message:
         "Splitting the true model of {wildcards.dataset} {wildcards.object} into convex parts"
     shell:
@@ -48,7 +48,7 @@ rule protocol_images:
     resources:
         **needs(3000, 10),
     params:
-        seed=config["seed"],
+        seed=settings["seed"],
     message:
         "Photographing {wildcards.dataset} {wildcards.object} in the eight poses of the grasp protocol"
     shell:

@@ -21,7 +21,7 @@ rule stereo:
     threads: 8
     resources:
         # 60 images of a megapixel, with masks and contrast, take 1 GB of a GPU, beside what CUDA itself takes.
-        **needs(3000, 30, 2000 if config["stereo"]["device"] != "cpu" else 0),
+        **needs(3000, 30, 2000 if settings["stereo"]["device"] != "cpu" else 0),
     params:
         options=plan.stereo_options,
         folder=subpath(output.seeds, parent=True),
@@ -71,7 +71,7 @@ for method in ways:
             options=plan.training_options(method),
             height=plan.height_option if method.cameras_optional else "",
             resume="--resume" if method.model else "",
-            seed=config["seed"],
+            seed=settings["seed"],
             weights=plan.weights_stamp("nvs", method),
         message:
             f"Training {method.name} on {{wildcards.object}}, scene {{wildcards.scene}}; follow it in {{log}}"

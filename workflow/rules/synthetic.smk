@@ -11,8 +11,8 @@ from zeroshop_steps.plan.captures import rendered_scene
 
 # What BlenderProc's environment consists of.
 BLENDER_REQUIREMENTS = os.path.relpath(PROJECT / "workflow/envs/blenderproc.txt")
-RENDERER, TEST_RENDERER = (methods.RENDERERS[part["renderer"]] for part in (config["capture"], config["bop"]["test_set"]))
-PICTURE_SIZE = step_options({"width": config["capture"]["image_width_px"], "height": config["capture"]["image_height_px"]})
+RENDERER, TEST_RENDERER = (methods.RENDERERS[part["renderer"]] for part in (settings["capture"], settings["bop"]["test_set"]))
+PICTURE_SIZE = step_options({"width": settings["capture"]["image_width_px"], "height": settings["capture"]["image_height_px"]})
 
 # By rule: the method, the kind of datasets, minutes, further options and what it says.
 MODELS = {
@@ -97,7 +97,7 @@ rule capture_virtual:
         size=PICTURE_SIZE,
         seed=plan.rendered_seed,
         scene=rendered_scene,
-        method=config["capture"]["renderer"],
+        method=settings["capture"]["renderer"],
         options=plan.renderer_options,
         environment=given("environment"),
     message:
@@ -132,7 +132,7 @@ for name, (folder, view, says) in BOARD_PHOTOS.items():
         params:
             view=view,
             size=PICTURE_SIZE,
-            seed=config["seed"],
+            seed=settings["seed"],
         message:
             says
         shell:
@@ -142,8 +142,8 @@ for name, (folder, view, says) in BOARD_PHOTOS.items():
 
 # By rule: the folder, the model, a seed, which means another table, and what it says.
 FILMS = {
-    "film": ("film", "model", config["seed"], "Filming {wildcards.object}"),
-    "turned_film": ("film_2", "turned_model", config["seed"] + 1, "Filming {wildcards.object} turned over"),
+    "film": ("film", "model", settings["seed"], "Filming {wildcards.object}"),
+    "turned_film": ("film_2", "turned_model", settings["seed"] + 1, "Filming {wildcards.object} turned over"),
 }
 for name, (film, model, seed, says) in FILMS.items():
 

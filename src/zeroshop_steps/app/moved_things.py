@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zeroshop_steps.capture.frame_quality import bound_to_grey
+from zeroshop_steps.geometry.imaging.image_overlap import SIDE_PX
 
-SIDE_PX = 640  # longer side of the copies in which points are followed
 POINTS, QUALITY, APART_PX = 1500, 0.003, 6  # of the corners that are followed
 WINDOW_PX = (15, 15)  # of the tracker (Lucas and Kanade, 1981; pyramids: Bouguet, 2000)
 RETURN_PX = 0.5  # by which a point may miss where it came from, followed back

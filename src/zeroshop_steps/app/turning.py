@@ -10,7 +10,6 @@ from zeroshop_steps.capture.bridging import EPIPOLAR_PX, Features, match_clearly
 
 LEAST_MATCHES = 25  # that fit one essential matrix, of two pictures that are tied
 TIED_SHARE = 0.8  # of the pictures must be tied to each other: those all around a plain table are not, and then nothing is said
-FOCAL_LENGTH = 1.0  # of the longer side, which few cameras miss by a quarter
 
 
 def measure_turn_deg(pictures: Sequence[Features]) -> float | None:
@@ -47,11 +46,12 @@ def _relate(one: Features, other: Features) -> tuple[int, np.ndarray]:
     first, second = match_clearly(one, other)
     if len(first) < LEAST_MATCHES:
         return 0, np.eye(3)
+    # The focal length is taken for the longer side, which few cameras miss by a quarter.
     rays, other_rays = (
-        (places.astype(np.float64) - np.array(picture.size_px) / 2) / (FOCAL_LENGTH * max(picture.size_px))
+        (places.astype(np.float64) - np.array(picture.size_px) / 2) / max(picture.size_px)
         for places, picture in ((first, one), (second, other))
     )
-    limit = EPIPOLAR_PX / (FOCAL_LENGTH * max(one.size_px))
+    limit = EPIPOLAR_PX / max(one.size_px)
     essential, inliers = cv2.findEssentialMat(rays, other_rays, np.eye(3), cv2.RANSAC, 0.999, limit)
     if essential is None or essential.shape != (3, 3):
         return 0, np.eye(3)

@@ -20,6 +20,7 @@ from zeroshop_steps.bop.formats.models import ObjectModel, list_objects, read_mo
 from zeroshop_steps.bop.formats.pose_checks import make_transform
 from zeroshop_steps.bop.formats.targets import Frames, Target, read_target_frames, read_targets, size_finder
 from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
+from zeroshop_steps.geometry.cameras.pinhole import NEAREST_MM
 from zeroshop_steps.geometry.cameras.transforms import transform_points
 from zeroshop_steps.geometry.imaging.images import read_image, write_image
 from zeroshop_steps.runtime.errors import StepError
@@ -32,7 +33,6 @@ TILE_MARGIN, LEAST_MARGIN_PX = 1.3, 16  # side of a tile: 1.3 times the longer s
 TRUE_COLOR, ESTIMATED_COLOR = (40, 220, 40), (255, 40, 40)
 AXIS_COLORS = ((255, 60, 60), (60, 220, 60), (80, 80, 255))  # x, y, z: red, green, blue, bright enough for dark photos
 BLACK, WHITE = (0, 0, 0), (255, 255, 255)
-NEAREST_MM = 1.0  # axes with an end closer to the camera plane are not drawn
 MASK_TINT = 0.5  # share of the object's colour in a detected mask
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 CAPTION_SCALE, CAPTION_LEFT_PX, CAPTION_BASELINES_PX = 0.42, 4, (17, 36)  # two lines fit a caption's height, 45 letters its width

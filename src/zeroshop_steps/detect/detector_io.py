@@ -20,6 +20,8 @@ from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.partial_results import PartialResults
 from zeroshop_steps.runtime.progress import track
 
+LEAST_CONFIDENCE = 0.01  # less likely detections are not written
+MOST_IOU = 0.25  # of two detections of one object; with more, the less confident one is dropped
 CENTRAL = (0.2, 0.8)  # shares of the image between which the principal point must lie; outside, K belongs to another image size
 
 

@@ -16,6 +16,7 @@ from zeroshop_steps.bop.formats.detections import Detection, decode_mask, encode
 from zeroshop_steps.bop.formats.models import list_objects
 from zeroshop_steps.runtime.errors import StepError
 
+LEAST_SCORE = 0.2  # of a detection, by the thesis
 LEAST_LEFT = 0.5  # of a mask, by the thesis; with less, two hypotheses for one object would both be kept
 
 
@@ -23,7 +24,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--detections", type=Path, required=True, help="BOP COCO result file with masks")
     parser.add_argument("--models", type=Path, required=True, help="folder of the models whose poses are wanted")
-    parser.add_argument("--least-score", type=float, default=0.2, help="score below which a detection is dropped (default: %(default)s)")
+    parser.add_argument(
+        "--least-score", type=float, default=LEAST_SCORE, help="score below which a detection is dropped (default: %(default)s)"
+    )
     parser.add_argument("--out", type=Path, required=True, help="BOP COCO result file to write")
 
 

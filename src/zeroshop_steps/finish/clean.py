@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from zeroshop_steps.geometry.cameras.registered_views import View, find_possible
 from zeroshop_steps.geometry.cameras.transforms import shrink_camera
 from zeroshop_steps.geometry.meshes.mesh_repair import drop_repeated_faces, find_triangles
+from zeroshop_steps.geometry.meshes.smoothing import TAUBIN_LAMBDA, TAUBIN_MU
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.errors import StepError
@@ -26,7 +27,6 @@ RENDER_PX = 320  # longer side of the renders that tell which parts are seen; sm
 MASK_MARGIN_PX = 3.0  # a vertex this far outside a mask is outside: borders of masks are about this uncertain
 OUTSIDE_VIEWS = 2  # photos whose masks a vertex must lie outside of; one mask alone may be wrong
 MIN_FACES = 100  # fewer cannot describe an object
-TAUBIN_LAMBDA, TAUBIN_MU = 0.5, -0.53  # Taubin 1995: a step that shrinks, then one that grows a little more
 DECIMATION_QUALITY = 0.3  # MeshLab's threshold against slivers, its default; given since it would else keep that of its last call
 BORDER_WEIGHT = 2.0  # edges of open borders count twice in the decimation, so that borders keep their shape
 

@@ -12,10 +12,10 @@ from zeroshop_steps import __version__
 from zeroshop_steps.geometry.cameras.transforms import transform_points
 from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
+from zeroshop_steps.geometry.meshes.units import M_PER_MM
 from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
 
 PACKAGES = ("numpy", "torch", "pycolmap", "open3d", "trimesh", "pymeshlab", "xatlas", "opencv-python-headless", "numba")
-METRES_PER_MM = 0.001
 ROUGHNESS = 0.9  # of the GLB's material: nearly matt, since the texture already shows the light of the photos
 FRAME_TEXT = "origin at the bounding-box centre, z up from the support surface, x towards the first camera, right-handed"
 
@@ -70,7 +70,7 @@ def write_product(path: Path, mesh: Mesh, metadata: dict) -> None:
     """Write `path` (PLY) with .png, .glb and .json beside it. The PLY is written last: if it exists, everything does."""
     texture = path.with_suffix(".png")
     write_image(texture, mesh.texture_image)
-    write_glb(path.with_suffix(".glb"), mesh, METRES_PER_MM if metadata["scale"] == "known" else 1.0)
+    write_glb(path.with_suffix(".glb"), mesh, M_PER_MM if metadata["scale"] == "known" else 1.0)
     write_json(path.with_suffix(".json"), metadata)
     write_ply(path, mesh, texture.name)
 

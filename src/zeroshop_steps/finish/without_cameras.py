@@ -18,6 +18,7 @@ from zeroshop_steps.finish.export import make_metadata, move_to_object_frame, su
 from zeroshop_steps.finish.texture import bake_colors, read_colored
 from zeroshop_steps.finish.texturing.unwrap import check_texture_size, unwrap_mesh
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.height.record import RULER_M
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json
@@ -25,7 +26,6 @@ from zeroshop_steps.runtime.files import read_json
 FRAME_TEXT = "origin at the bounding-box centre, z up and x as generated, right-handed"
 GUESS = "the mesh was generated without cameras: nothing of it was measured, and its proportions are a guess"
 UNKNOWN = "the scale is unknown: no height is given. Give the object's height in metres as height_m in config/objects.tsv"
-MM_PER_M = 1000.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,8 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras.pinhole import Camera
-from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.geometry.cameras.viewpoints import direction_at, place_around
 from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.geometry.meshes.metric_mesh import add_mesh_arguments, read_metric_mesh
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
@@ -16,10 +15,9 @@ from zeroshop_steps.grasp.grasps import Grasp, read_grasps
 from zeroshop_steps.grasp.gripper import GRIPPERS, Gripper, find_gripper
 from zeroshop_steps.grasp.ranking import choose_spread
 
-TILE_PX, FOCAL_PX = 480, 800.0
+TILE_PX = 480
 SIDES_DEG = ((30.0, 20.0), (150.0, 20.0), (-80.0, 55.0))  # azimuth and elevation of the cameras
 POINTS = 40  # along a stroke, each hidden by the object or not
-BACKGROUND = (255, 255, 255)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,10 +48,8 @@ def draw_side(
     places = np.concatenate([renderer.mesh.vertices, *(lines.reshape(-1, 3) for lines, _ in strokes)])
     middle = (places.min(0) + places.max(0)) / 2
     radius = float(np.linalg.norm(places - middle, axis=1).max())
-    distance = 2 * FOCAL_PX * radius / (0.9 * TILE_PX)
-    centre = middle + distance * direction_at(np.radians(azimuth_deg), np.radians(elevation_deg))
-    camera = Camera("side", TILE_PX, TILE_PX, make_intrinsics(FOCAL_PX, TILE_PX, TILE_PX), look_at(centre, middle))
-    image = renderer.render_color(camera, BACKGROUND)
+    camera = place_around(middle, radius, direction_at(np.radians(azimuth_deg), np.radians(elevation_deg)), TILE_PX)
+    image = renderer.render_color(camera)
     depth = renderer.find_depth(camera)
     faint = image.copy()
     for lines, color in strokes:

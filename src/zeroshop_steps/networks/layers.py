@@ -7,6 +7,8 @@ those of MASt3R before it.
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+NORM_EPSILON = 1e-6  # of the layer norms of vision transformers
+
 
 class Mlp(nn.Module):
     """Two linear layers with a GELU between."""

@@ -11,10 +11,10 @@ from PIL import Image
 from torch.nn.functional import interpolate
 
 from zeroshop_steps.networks.devices import run_network
+from zeroshop_steps.networks.imagenet import DEVIATION, MEAN
 from zeroshop_steps.networks.pretrained import load_pretrained
 from zeroshop_steps.runtime.progress import ProgressReport
 
-MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of the colours of the network's training pictures
 OBJECT = 1  # the one object of a session
 TOP_LEFT, BOTTOM_RIGHT = 2, 3  # how the network's prompts name the corners of a box
 NOT_KEPT = "high_res_masks"  # one for each image, of the network's input size: large, and not used again

@@ -10,7 +10,7 @@ from typing import Any
 
 from zeroshop_steps import methods
 from zeroshop_steps.geometry.imaging.image_files import is_text
-from zeroshop_steps.plan.datasets import Datasets, InputFunction, Options, Wildcards, require_known
+from zeroshop_steps.plan.datasets import Datasets, InputFunction, Wildcards, require_known
 from zeroshop_steps.runtime.config_files import Row
 from zeroshop_steps.runtime.errors import StepError, remedy_for
 
@@ -290,9 +290,6 @@ class Captures(Datasets):
     def renderer_options(self, wildcards: Wildcards) -> str:
         """The options of captures beside their size: the cameras and lights, and what not every renderer has."""
         capture = self.config["capture"]
-        options: Options = {
-            **{key: capture[key] for key in ("views_per_ring", "least_height_sizes", "light_strengths")},
-            "elevations_deg": capture["elevations_deg"].get(rendered_scene(wildcards)),
-            "samples": capture["samples"] if methods.RENDERERS[capture["renderer"]].samples else None,
-        }
-        return self.options(options)
+        others = {key: value for key, value in capture.items() if key not in ("renderer", "samples", "image_width_px", "image_height_px")}
+        samples = capture["samples"] if methods.RENDERERS[capture["renderer"]].samples else None
+        return self.options({**others, "samples": samples})

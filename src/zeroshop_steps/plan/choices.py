@@ -125,9 +125,9 @@ class Choices(Captures):
         return methods.REGISTRATIONS.get(wildcards.registration, next(iter(methods.REGISTRATIONS.values())))
 
     def registration_options(self, wildcards: Wildcards) -> str:
-        """The options of this method; the true cameras need none."""
+        """The options of this method; one that takes true cameras gets a seed only with options of its own."""
         options, method = self.section("register", wildcards.registration), self.registration(wildcards)
-        if not options:
+        if method.true_cameras and not options:
             return ""
         weights = f"--weights {methods.WEIGHTS_FOLDER / method.weights[0]} " if method.preset and not options.get("weights") else ""
         network = self.network_options(self.registration_network(wildcards))

@@ -10,6 +10,7 @@ from typing import Any
 
 from zeroshop_steps import methods
 from zeroshop_steps.methods import Method
+from zeroshop_steps.plan.step_options import complete_sections
 from zeroshop_steps.runtime.config_files import Row, name_error
 from zeroshop_steps.runtime.errors import StepError
 
@@ -48,7 +49,8 @@ class Datasets:
     """Datasets and objects.
 
     Attributes:
-        config: as Snakemake merged it, and `check_config` checked it.
+        given: the config as Snakemake merged it, and `check_config` checked it.
+        config: the same with complete sections.
         root: the folder that relative paths of the config and of the table of objects start at.
         photos: the rows of this table by (dataset, object).
         say: tells the user a line.
@@ -59,7 +61,7 @@ class Datasets:
     """
 
     def __init__(self, config: Options, root: Path, photos: Mapping[tuple[str, str], Row], say: Callable[[str], None] = print) -> None:
-        self.config, self.root, self.photos = config, root, photos
+        self.given, self.config, self.root, self.photos = config, complete_sections(config), root, photos
         self.say = functools.cache(say)
         of_dataset = f"{config['results']}/{{dataset}}"
         self.object = f"{of_dataset}/{{object}}"
@@ -183,6 +185,7 @@ class Datasets:
         options = self.config["assets"]
         row = self.photos.get((wildcards.dataset, wildcards.object), {})
         mass_kg = row.get("mass_kg") or options["masses_kg"].get(wildcards.dataset, {}).get(wildcards.object)
-        mass = {"mass_kg": mass_kg} if mass_kg else {name: options[name] for name in ("density_kg_m3", "density_factor")}
-        names = ("friction", "concavity", "most_parts", "unknown_scale")
-        return self.options({"name": wildcards.object, **mass, **{name: options[name] for name in names}, "seed": self.config["seed"]})
+        mass = {"mass_kg": mass_kg} if mass_kg else {name: options.get(name) for name in ("density_kg_m3", "density_factor")}
+        own = {"masses_kg", "package", "date", "density_kg_m3", "density_factor"}  # of other steps, or in `mass`
+        others = {name: value for name, value in options.items() if name not in own}
+        return self.options({"name": wildcards.object, **mass, **others, "seed": self.config["seed"]})

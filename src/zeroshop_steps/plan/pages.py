@@ -54,7 +54,7 @@ class Pages(Tables):
 
     def changes_option(self, defaults: Path) -> str:
         """The option that tells the page with which changes of the config its cells were made."""
-        changes = config_changes(self.config, defaults, ignored=("targets", "tables", "report", "chosen"))
+        changes = config_changes(self.given, defaults, ignored=("targets", "tables", "report", "chosen"))
         return f"--config {' '.join(map(shlex.quote, changes))}" if changes else ""
 
     def pages(self, wildcards: Wildcards) -> list[str]:

@@ -18,6 +18,7 @@ from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.partial_results import PartialResults
 from zeroshop_steps.runtime.progress import track
 
+NEAR_DIAMETERS = 0.6  # from the middle of what was measured of an object; a point farther away cannot be on it
 SPARE_DETECTIONS = 2  # of a target, beyond its number of instances: the scores of their poses decide which detections were right
 
 Estimator = Callable[[Detection, np.ndarray, np.ndarray, np.ndarray, Frame], tuple[np.ndarray, float] | None]

@@ -7,6 +7,7 @@ poses"). Images that figures are published of were not used.
 import numba
 import numpy as np
 
+from zeroshop_steps.geometry.cameras.pinhole import NEAREST_MM
 from zeroshop_steps.geometry.cholesky import solve_by_cholesky
 from zeroshop_steps.pose.nearest_surface import NearestSurface
 
@@ -17,7 +18,6 @@ SMALL_ANGLE = 1e-4  # radians below which sine and cosine are replaced by their 
 COSTED_SHARE = 0.95  # of the points, the nearest, whose mean distance is the cost; more than in a step, so that wrong poses pay
 AWAY_DIAMETERS = 0.05  # added to the distance of a point whose nearest surface faces away from the camera, which cannot see it
 SEEN_SAMPLES = 400  # points of the model that are compared with the depth image; about half of them face the camera
-NEAREST_MM = 1.0  # points of the model closer to the camera plane than this are not projected
 CONFLICT_MM = 12.0  # the image contradicts a point that lies farther than this in front of the measured depth, since it would hide it,
 # and a point outside the mask that lies within this distance of it, since it would be seen there
 CONFLICT_DIAMETERS = 0.1  # cost of a pose whose facing points are all contradicted; if a tenth of them are, 1 % of the diameter

@@ -20,12 +20,12 @@ from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
 from zeroshop_steps.bop.scoring.pose_error import ModelPoints, mssd
 from zeroshop_steps.pose import dataset
 from zeroshop_steps.pose.confidence import SAME_DIAMETERS, SURE_CONFIDENCE, estimate_confidence
+from zeroshop_steps.pose.dataset import NEAR_DIAMETERS
 from zeroshop_steps.pose.hypotheses import PoseSearch
 from zeroshop_steps.pose.pose_score import AGREE_MM, COARSE_RAYS, FINE_RAYS, RAYS, ImagePatch, PoseScorer, cut_patch
 
 # Chosen on six virtual tables of the demo objects, the test set with seed 1 (docs/results.md, "Detection and poses").
 LEAST_POINTS = 30  # measured points of a detection; fewer do not fix a pose
-NEAR_DIAMETERS = 0.6  # of depth, from the median; a point farther away cannot be on the object
 NUDGED = 8  # best hypotheses that are improved by small turns
 NUDGES_DEG = (8.0, 4.0, 2.0, 1.0)  # sizes of these turns, one after the other; starts are 15 degrees apart
 EXTENDED = 1.1  # times as large as a detection: with less, what it lacks does not matter

@@ -11,13 +11,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from zeroshop_steps.bop.formats.detections import Detection, decode_mask, encode_mask, mask_to_box
-from zeroshop_steps.detect.filter_masks import filter_detections
+from zeroshop_steps.detect.filter_masks import LEAST_SCORE, filter_detections
 from zeroshop_steps.methods import DETECTORS, ESTIMATORS, Method, lacks, refusal
 from zeroshop_steps.robot.object_store import ObjectStore
 from zeroshop_steps.robot.recognition import Recognition, RecognitionRequest, RecognizedObject, make_frame
 from zeroshop_steps.runtime.errors import StepError
 
-LEAST_SCORE = 0.2  # of a detection, as in the thesis (detect/filter_masks.py)
 FILES = {"detect": ("models", "templates", "scenes", "out"), "pose": ("models", "scenes", "targets", "out")}
 """Arguments of each stage that name files: requests come without."""
 

@@ -18,6 +18,8 @@ import yaml
 from zeroshop_steps.runtime.errors import StepError, remedy_for
 
 Row = dict[str, Any]
+MOVED_KEYS = {"finish.device": "devices.kernels", "simulate.mass_kg": "assets.masses_kg, by dataset and object"}
+"""Keys of earlier versions that are called otherwise now."""
 RESERVED_NAMES = ("bop", "tables", "report")
 """Folders of a dataset's results that belong to all of it; no object may have such a name."""
 
@@ -249,7 +251,9 @@ def _explain(error: jsonschema.ValidationError) -> list[str]:
     if error.validator == "additionalProperties":
         allowed = list(error.schema.get("properties", {}))
         where = f" in {key}" if key else ""
-        return [name_error(f"key{where}", name, allowed) for name in error.instance if name not in allowed]
+        unknown = [name for name in error.instance if name not in allowed]
+        now = {name: MOVED_KEYS.get(f"{key}.{name}") for name in unknown}
+        return [f"{key}.{name} is {now[name]} now" if now[name] else name_error(f"key{where}", name, allowed) for name in unknown]
     if error.validator in ("oneOf", "if"):
         return [line for cause in error.context or () for line in _explain(cause)]
     about = error.schema.get("description", "").split(". ")[0].rstrip(".")

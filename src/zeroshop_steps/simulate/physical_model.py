@@ -47,7 +47,8 @@ def find_mass_kg(name: str) -> float:
     table = read_table(MASSES)
     found = table[table.dataset + "/" + table.object == name]
     if found.empty:
-        raise StepError(f"the mass of {name} is not known; give it in kilograms: simulate: {{mass_kg: {{{name}: 0.25}}}} in the config")
+        example = ": {".join(name.split("/"))
+        raise StepError(f"the mass of {name} is not known; give it in kilograms in the config: assets: {{masses_kg: {{{example}: 0.2}}}}}}")
     return float(found.mass_kg.iloc[0])
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from pycocotools import mask as coco_masks
 
+from zeroshop_steps.bop.formats.estimates import SAME_TIME_S
 from zeroshop_steps.bop.formats.schema import check_content, read_content
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_write
 
 SizeOf = Callable[[int, int], tuple[int, int] | None]
-SAME_TIME_S = 1e-3  # times of an image that differ by less are the same, rounded differently
 
 LARGEST_SIDE_PX, LARGEST_IMAGE_PX = 65_536, 250_000_000
 """Of an image whose masks are read: COCO's code counts pixels in 32 bits, and a mask takes as many bytes."""

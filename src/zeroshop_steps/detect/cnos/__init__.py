@@ -16,6 +16,8 @@ from zeroshop_steps.bop.formats.detections import mask_to_box
 from zeroshop_steps.bop.formats.models import ObjectModel
 from zeroshop_steps.detect.cnos.crops import CropDescriber
 from zeroshop_steps.detect.detector_io import (
+    LEAST_CONFIDENCE,
+    MOST_IOU,
     Detector,
     ObjectMask,
     ViewsOf,
@@ -30,8 +32,6 @@ from zeroshop_steps.detect.templates import Templates
 from zeroshop_steps.networks.devices import DEVICES, choose_device
 
 NEAREST_VIEWS = 5  # whose mean cosine is the score of an object
-LEAST_SCORE = 0.01  # less likely detections are not written
-MOST_IOU = 0.25  # of the boxes of two detections of one object; with more, the less confident one is dropped
 
 METHOD: dict[str, Any] = {
     "rank": 1,
@@ -84,7 +84,7 @@ def assign_objects(masks: list[np.ndarray], photo: np.ndarray, describer: CropDe
     boxes = np.array([mask_to_box(mask) for mask in masks], float)
     found = []
     for number in views:
-        mine = np.flatnonzero((numbers == number) & (best > LEAST_SCORE))
+        mine = np.flatnonzero((numbers == number) & (best > LEAST_CONFIDENCE))
         kept = mine[suppress_boxes(boxes[mine], best[mine], MOST_IOU)]
         found += [ObjectMask(number, float(best[index]), masks[index]) for index in kept]
     return found

@@ -11,10 +11,10 @@ import torch
 from zeroshop_steps.bop.formats.detections import mask_to_box
 from zeroshop_steps.geometry.cameras.transforms import make_unit
 from zeroshop_steps.networks.devices import run_network
+from zeroshop_steps.networks.imagenet import DEVIATION, MEAN
 from zeroshop_steps.networks.pretrained import load_pretrained
 
 SIDE_PX, CROPS_AT_ONCE = 224, 16  # DINOv2's usual input; so many crops go through the network at a time, which bounds its memory
-MEAN, DEVIATION = np.array([0.485, 0.456, 0.406]), np.array([0.229, 0.224, 0.225])  # ImageNet's, of 0..1
 
 
 class CropDescriber:

@@ -10,9 +10,9 @@ from torch.nn import functional
 from zeroshop_steps.bop.formats.detections import mask_to_box
 from zeroshop_steps.detect.detector_io import suppress_boxes
 from zeroshop_steps.networks.devices import run_network
+from zeroshop_steps.networks.imagenet import LEVEL_DEVIATION, LEVEL_MEAN
 from zeroshop_steps.networks.pretrained import load_pretrained
 
-MEAN, DEVIATION = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.375])  # ImageNet's, of 0..255
 POINTS_AT_ONCE = 64  # prompts that go through the network at a time, which bounds its memory
 STABILITY_OFFSET = 1.0  # of the logits, up and down, between which the mask of a stable region hardly changes
 MOST_BOX_IOU = 0.7  # with more, the less confident mask is dropped
@@ -52,7 +52,7 @@ class SegmentAnything:
         scale = self._side_px / max(height, width)
         inner = max(1, round(width * scale)), max(1, round(height * scale))
         pixels = np.zeros((self._side_px, self._side_px, 3), np.float32)
-        pixels[: inner[1], : inner[0]] = (cv2.resize(image, inner, interpolation=cv2.INTER_LINEAR) - MEAN) / DEVIATION
+        pixels[: inner[1], : inner[0]] = (cv2.resize(image, inner, interpolation=cv2.INTER_LINEAR) - LEVEL_MEAN) / LEVEL_DEVIATION
         tensor = torch.from_numpy(pixels.transpose(2, 0, 1)[None].copy()).to(self._device)
         embeddings = self._model.get_image_embeddings(tensor)
         steps = (np.arange(points_per_side) + 0.5) / points_per_side

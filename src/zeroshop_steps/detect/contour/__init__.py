@@ -19,6 +19,8 @@ from zeroshop_steps.detect.contour.edges import detect_edges
 from zeroshop_steps.detect.contour.regions import RegionProposal, propose_regions
 from zeroshop_steps.detect.contour.template_matching import ReferenceViews, describe_reference, estimate_confidences
 from zeroshop_steps.detect.detector_io import (
+    LEAST_CONFIDENCE,
+    MOST_IOU,
     Detector,
     ObjectMask,
     ViewsOf,
@@ -30,8 +32,6 @@ from zeroshop_steps.detect.detector_io import (
 )
 
 NO_DEPTH = "and this detector needs depth: add depth images, or use --method cnos, which needs colour only"
-LEAST_CONFIDENCE = 0.01  # less likely detections are not written
-MOST_IOU = 0.25  # of the masks of two detections of one object; with more, the less confident one is dropped
 MOST_CANDIDATES = 40  # regions of an object in an image that are considered, before that suppression
 
 METHOD = {"rank": 0, "mem_mb": 3000, "runtime_min": 60, "threads": 1}

@@ -15,7 +15,6 @@ SMALLEST_SHARE, LARGEST_SHARE = 0.08, 1.5  # of a region's area in the views' sm
 LONGEST_DIAMETERS = 1.35  # of the diagonal of a region's box; a box around an object can be 1.41 times as long as the object
 MIN_CELLS = 1e-3  # of overlap or coverage; avoids divisions by zero
 VIEW_NAMES = ("overlap", "relief", "gradients", "histogram", "any_histogram")  # the last one: of the view whose colours fit best
-REGION_NAMES = ("border", "inside")
 # Logistic regression over the measures that these names list.
 VIEW_WEIGHTS = np.array([9.28, -6.11, 2.57, 6.75, 14.37])
 REGION_WEIGHTS, CONSTANT = np.array([7.21, 3.96]), -36.24

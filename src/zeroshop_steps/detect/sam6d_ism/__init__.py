@@ -14,9 +14,10 @@ import torch
 from zeroshop_steps.bop.formats.bop_scenes import Frame
 from zeroshop_steps.bop.formats.detections import mask_to_box
 from zeroshop_steps.bop.formats.models import ObjectModel
-from zeroshop_steps.detect.cnos import MOST_IOU, score_objects
+from zeroshop_steps.detect.cnos import score_objects
 from zeroshop_steps.detect.cnos.crops import CropDescriber
 from zeroshop_steps.detect.detector_io import (
+    MOST_IOU,
     Detector,
     ObjectMask,
     ViewsOf,

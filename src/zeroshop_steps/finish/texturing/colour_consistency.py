@@ -22,6 +22,7 @@ from zeroshop_steps.geometry.cameras.transforms import shrink_camera
 from zeroshop_steps.geometry.imaging.images import sample_bilinear
 from zeroshop_steps.geometry.imaging.srgb import srgb_to_linear
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.observation.visibility import MIN_COSINE
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 LONGEST_PX, MARGIN_PX = 480, 8
@@ -30,8 +31,6 @@ BLUR_PX = 1.5
 """Standard deviation of their blur: what differs within a pixel or two is noise and print, and cameras are not exact."""
 EDGE_PX = 2
 """Pixels this near to the border of a mask mix the object with what is behind it."""
-FACING_COSINE = 0.15
-"""A photo is compared where it sees the surface within 81 degrees."""
 LIFT_DIAGONALS = 0.003
 """Rays to the cameras start this far off the surface, or they would hit it where they start."""
 BRIGHTEST = 250.0
@@ -154,7 +153,7 @@ class Photos:
         start = points + LIFT_DIAGONALS * self.diagonal * normals
         for photo, camera in enumerate(self.cameras):
             towards = camera.centre_in_world - points
-            facing = np.einsum("nc,nc->n", towards, normals) > FACING_COSINE * np.linalg.norm(towards, axis=1)
+            facing = np.einsum("nc,nc->n", towards, normals) > MIN_COSINE * np.linalg.norm(towards, axis=1)
             at = np.flatnonzero(facing & camera.find_pixels(points)[3])
             rays = np.concatenate([start[at], camera.centre_in_world - start[at]], 1)
             at = at[~np.isfinite(scene.cast_rays(o3d.core.Tensor(rays.astype(np.float32)))["t_hit"].numpy())]

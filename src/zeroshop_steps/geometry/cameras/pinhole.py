@@ -14,6 +14,7 @@ from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction, wr
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure
 
+NEAREST_MM = 1.0  # what is nearer to the plane of a camera than this is not projected: its place is all but infinite
 LEAST_PAIRS = 3  # a similarity between two sets of points needs three
 OFF_MEDIANS, ROUNDS = 4.0, 5  # a point that lies so many median errors off does not count; rounds until the same ones are left
 

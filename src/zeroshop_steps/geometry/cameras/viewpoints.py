@@ -2,6 +2,10 @@
 
 import numpy as np
 
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+
+DISTANCE_RADII = 4.0  # of a camera from the middle of the sphere that it shows: little perspective
+
 
 def face_along(forward: np.ndarray) -> np.ndarray:
     """(3, 3) camera_from_world of an upright camera (x right, y down, z forward; world z up) that looks along a unit vector.
@@ -35,3 +39,10 @@ def spread_over_sphere(count: int) -> tuple[np.ndarray, np.ndarray]:
 def make_intrinsics(focal_px: float, width_px: int, height_px: int) -> np.ndarray:
     """(3, 3) K of a pinhole with square pixels whose principal point is the image's centre."""
     return np.array([[focal_px, 0.0, width_px / 2], [0.0, focal_px, height_px / 2], [0.0, 0.0, 1.0]])
+
+
+def place_around(middle: np.ndarray, radius: float, direction: np.ndarray, size_px: int) -> Camera:
+    """A square, upright camera in a (3,) direction from `middle`, not a vertical one, whose picture a sphere of this radius just fills."""
+    centre = middle + DISTANCE_RADII * radius * direction / np.linalg.norm(direction)
+    focal_px = size_px / 2 * np.sqrt(DISTANCE_RADII**2 - 1)  # the sphere's tangents from the camera meet the picture's edges
+    return Camera("view", size_px, size_px, make_intrinsics(focal_px, size_px, size_px), look_at(centre, middle))

@@ -18,8 +18,3 @@ def measure_length(values: np.ndarray) -> np.ndarray:
 def take_largest(values: np.ndarray) -> np.ndarray:
     """(...) the largest of the last axis' three channels."""
     return np.maximum(np.maximum(values[..., 0], values[..., 1]), values[..., 2])
-
-
-def take_least(values: np.ndarray) -> np.ndarray:
-    """(...) the least of them."""
-    return np.minimum(np.minimum(values[..., 0], values[..., 1]), values[..., 2])

@@ -141,7 +141,7 @@ class MeshRenderer:
         face = np.where(hit, found["primitive_ids"].numpy().astype(np.int64), -1)
         return RayHits(face, found["primitive_uvs"].numpy(), np.where(hit, distance, np.float32(0)))
 
-    def render_color(self, camera: Camera, background: tuple[int, int, int] = (0, 0, 0), samples: int = 2) -> np.ndarray:
+    def render_color(self, camera: Camera, background: tuple[int, int, int] = (255, 255, 255), samples: int = 2) -> np.ndarray:
         """Unlit coloured render as (height, width, 3) uint8 sRGB, antialiased by `samples` x `samples` rays per pixel."""
         return _blend_over(background, *self._average(camera, self._sample_color, samples))
 
@@ -156,14 +156,14 @@ class MeshRenderer:
         mask = coverage >= 0.5
         return np.clip(np.rint(np.where(mask[..., None], color, 0.0)), 0, 255).astype(np.uint8), mask
 
-    def render_cut_out(self, camera: Camera, samples: int = 2) -> tuple[np.ndarray, np.ndarray]:
+    def render_cut_out(self, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
         """Unlit coloured render as (height, width, 3) uint8 sRGB, and (height, width) uint8 opacity."""
-        color, coverage = self._average(camera, self._sample_color, samples)
+        color, coverage = self._average(camera, self._sample_color, 2)
         return np.clip(np.rint(color), 0, 255).astype(np.uint8), np.rint(coverage * 255).astype(np.uint8)
 
-    def render_shaded(self, camera: Camera, background: tuple[int, int, int] = (255, 255, 255), samples: int = 2) -> np.ndarray:
-        """Grey render lit from the camera, which shows the shape only, as (height, width, 3) uint8."""
-        return _blend_over(background, *self._average(camera, self._shade, samples))
+    def render_shaded(self, camera: Camera) -> np.ndarray:
+        """Grey render lit from the camera, which shows the shape only, on white, as (height, width, 3) uint8."""
+        return _blend_over((255, 255, 255), *self._average(camera, self._shade, 2))
 
     def _average(self, camera: Camera, shade: Callable[[Camera, RayHits], np.ndarray], samples: int) -> tuple[np.ndarray, np.ndarray]:
         """(height, width, 3) mean colour of those rays of a pixel that hit the mesh, and (height, width) their share."""

@@ -37,7 +37,7 @@ are held by hand tell what is level to a few degrees."""
 TILTED_SHARE = 0.1  # an upright plane with less than this share of another plane's score is chance: the cameras were tilted
 OUTSIDE_VIEWS, OUTSIDE_SHARE = 2, 0.25  # a background point is outside the mask in so many views, and in this share of its views
 VERTICES = 2000  # of the object are tested against each candidate: all of them would only take longer
-REFINEMENT_ROUNDS = 20
+REFINEMENT_ROUNDS = 20  # of least squares on the current inliers, which settle in fewer
 TUKEY_DEVIATIONS = 4.5  # residuals beyond this many standard deviations count nothing (4.685 is 95 % efficient)
 LEAST_SHRINKING = 0.1  # of the threshold from one round to the next, so that it does not collapse
 DEVIATION_OF_MEDIAN = 1.4826  # standard deviation of normal noise, over the median of its absolute values

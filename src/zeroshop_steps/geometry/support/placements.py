@@ -13,8 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.cameras.transforms import transform_points
 from zeroshop_steps.geometry.cameras.viewpoints import spread_over_sphere
-from zeroshop_steps.geometry.meshes.mass_properties import measure_solid
-from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 
 HULL_DIRECTIONS = 600  # in which a body's extreme points are taken for its convex hull
 SAME_DEG = 8.0  # placements whose planes differ by less are one: the flutes of a can, the dents of a base
@@ -45,21 +43,8 @@ class Placement:
         return "upright" if up > UPRIGHT_COS else "flipped" if up < -UPRIGHT_COS else "lying"
 
 
-def stable_placements(mesh: Mesh, name: str = "the mesh") -> list[Placement]:
-    """The stable placements of a closed mesh of even density, the most likely first.
-
-    Args:
-        mesh: closed; its unit is that of the placements.
-        name: of its file, for messages.
-
-    Raises:
-        StepError: the mesh is open or inside out.
-    """
-    return placements_of_hull(mesh.vertices, measure_solid(mesh, name).centre)
-
-
 def placements_of_hull(vertices: np.ndarray, centre: np.ndarray) -> list[Placement]:
-    """The same from (V, 3) vertices and the (3,) centre of mass."""
+    """The stable placements of a body, the most likely first, from its (V, 3) vertices and its (3,) centre of mass, in their unit."""
     import trimesh
 
     outer = vertices[ConvexHull(vertices).vertices]

@@ -7,7 +7,7 @@ import numpy as np
 from zeroshop_steps.geometry.cameras.pinhole import Camera, SparseModel
 from zeroshop_steps.geometry.cameras.ray_convergence import find_nearest_point
 from zeroshop_steps.geometry.cameras.registered_views import View
-from zeroshop_steps.geometry.support.ground_plane import FEW_INLIERS, SMALLEST_TRIANGLE, Plane, propose_ups
+from zeroshop_steps.geometry.support.ground_plane import FEW_INLIERS, REFINEMENT_ROUNDS, SMALLEST_TRIANGLE, Plane, propose_ups
 from zeroshop_steps.runtime.errors import StepError
 
 # Lengths are shares of the cameras' median distance from the focus.
@@ -24,7 +24,6 @@ OBJECT_DISTANCES = 0.22  # the radius of an object that fills most of the photos
 AROUND_SHARE = 0.15  # of the inliers lie beyond it; a plane without them is a flat side of the object itself
 RISEN = 0.012  # a plane lies below another one by at least this
 AT_ONCE = 250  # candidates, for memory
-REFINEMENT_ROUNDS = 10  # of least squares on the current inliers, which settle in fewer
 
 
 @dataclass(frozen=True)

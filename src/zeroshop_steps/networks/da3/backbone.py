@@ -8,11 +8,11 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from zeroshop_steps.networks.da3.settings import Da3Settings
+from zeroshop_steps.networks.layers import NORM_EPSILON
 from zeroshop_steps.networks.vggt.aggregator import ROPE_BASE, normalise_colors
 from zeroshop_steps.networks.vggt.layers import Block, Rotation
 from zeroshop_steps.networks.vggt.patch_embed import Patches
 
-EPS = 1e-6  # of DINOv2's norms within a block
 GRID_OFFSET = 0.1  # added to the size of the grid that positions are resampled to: DINOv2 was trained with that
 CHOSEN_FROM = 3  # images: of fewer, the first is the reference
 
@@ -41,7 +41,9 @@ class VisionTransformer(nn.Module):
         self.cls_token = nn.Parameter(torch.zeros(1, 1, width))
         self.camera_token = nn.Parameter(torch.zeros(1, 2, width))  # of the reference, of the others
         self.pos_embed = nn.Parameter(torch.zeros(1, 1 + settings.grid**2, width))
-        self.blocks = nn.ModuleList(Block(width, settings.heads, index >= settings.alone, 1.0, EPS) for index in range(settings.depth))
+        self.blocks = nn.ModuleList(
+            Block(width, settings.heads, index >= settings.alone, 1.0, NORM_EPSILON) for index in range(settings.depth)
+        )
         self.norm = nn.LayerNorm(width)
 
     def forward(self, images: Tensor, cameras: Tensor | None = None, after_block: Callable[[], None] = lambda: None) -> Da3Tokens:

@@ -8,9 +8,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from zeroshop_steps.networks.layers import Mlp
+from zeroshop_steps.networks.layers import NORM_EPSILON, Mlp
 from zeroshop_steps.networks.mast3r.dpt import DensePrediction, decode_points
-from zeroshop_steps.networks.mast3r.transformer import NORM_EPSILON, DecoderBlock, EncoderBlock, RotaryFactors, compute_rotary_factors
+from zeroshop_steps.networks.mast3r.transformer import DecoderBlock, EncoderBlock, RotaryFactors, compute_rotary_factors
 from zeroshop_steps.networks.weights import load_strictly
 from zeroshop_steps.runtime.errors import StepError
 

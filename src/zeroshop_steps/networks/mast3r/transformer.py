@@ -4,10 +4,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from zeroshop_steps.networks.layers import Mlp
+from zeroshop_steps.networks.layers import NORM_EPSILON, Mlp
 
 # Of the published network.
-NORM_EPSILON = 1e-6
 MLP_RATIO = 4
 
 RotaryFactors = tuple[Tensor, Tensor]

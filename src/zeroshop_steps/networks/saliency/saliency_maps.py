@@ -16,7 +16,6 @@ from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.files import read_json, write_json
 
 FOLDER = "saliency"
-LEVELS = 255
 WIDTH_PX = 480  # of the maps that are kept: finer ones cost time and bring nothing to features
 FINE_WIDTH_PX = 1000  # of those that cut the object out where its outline holds the cameras
 
@@ -28,7 +27,7 @@ def write_maps(scene: Path, network: SalientObjectNetwork, maps: Mapping[str, np
         height, width = found.shape
         if width > WIDTH_PX:
             found = cv2.resize(found, (WIDTH_PX, round(height * WIDTH_PX / width)), interpolation=cv2.INTER_AREA)
-        write_image(scene / FOLDER / f"{stem}.png", np.round(LEVELS * found).astype(np.uint8))
+        write_image(scene / FOLDER / f"{stem}.png", np.round(255 * found).astype(np.uint8))
 
 
 def find_maps(scene: Path, network: SalientObjectNetwork, images: Sequence[Path], width_px: int) -> list[np.ndarray]:
@@ -45,7 +44,7 @@ def read_maps(scene: Path, network: SalientObjectNetwork, width_px: int) -> dict
     if not described.is_file() or read_json(described) != _describe(network, width_px):
         return {}
     files = sorted(described.parent.glob("*.png"))
-    return {path.stem: decode_image(path, cv2.IMREAD_GRAYSCALE).astype(np.float32) / LEVELS for path in files}
+    return {path.stem: decode_image(path, cv2.IMREAD_GRAYSCALE).astype(np.float32) / 255 for path in files}
 
 
 def _describe(network: SalientObjectNetwork, width_px: int) -> dict[str, Any]:

@@ -6,13 +6,12 @@ U-2-Net (Qin et al. 2020) and its small version u2netp, IS-Net (Qin et al. 2022)
 from dataclasses import dataclass
 from pathlib import Path
 
+from zeroshop_steps.networks.imagenet import LEVEL_DEVIATION, LEVEL_MEAN
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table, require_weights
 from zeroshop_steps.runtime.errors import StepError, warn
 
 FOLDER = "saliency"
-Levels = tuple[float, float, float]
-IMAGENET_MEAN: Levels = (123.675, 116.28, 103.53)
-IMAGENET_DEVIATION: Levels = (58.395, 57.12, 57.375)
+Levels = tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -31,8 +30,8 @@ class SalientNetwork:
     name: str
     side_px: int
     published_as: tuple[str, ...] = ()
-    mean: Levels = IMAGENET_MEAN
-    deviation: Levels = IMAGENET_DEVIATION
+    mean: Levels = LEVEL_MEAN
+    deviation: Levels = LEVEL_DEVIATION
 
     @property
     def file(self) -> str:

@@ -17,10 +17,9 @@ import onnxruntime
 from scipy.special import expit
 
 from zeroshop_steps.geometry.imaging.images import compute_overlap, read_image
+from zeroshop_steps.networks.imagenet import LEVEL_DEVIATION, LEVEL_MEAN
 from zeroshop_steps.networks.saliency.object_finder import surround_main_thing
 from zeroshop_steps.networks.saliency.salient_networks import (
-    IMAGENET_DEVIATION,
-    IMAGENET_MEAN,
     NETWORKS,
     network_path,
     recognize_network,
@@ -35,7 +34,6 @@ USUAL_SIDE_PX = 1024  # of the image, where the file leaves it open; IS-Net and 
 # thread, and several photos are seen at once. A large input needs gigabytes for each photo: then one at a time, always by two threads.
 MOST_AT_ONCE = 4  # photos: u2netp takes 0.4 GB for each, u2net 0.6
 ONE_BY_ONE_PX = 512 * 512
-CHANNELS = 3
 ROUNDING = 0.01  # of answers that are shares: of half precision, with room; those before the last sigmoid reach several units
 CLOSER_MARGIN = 0.15  # around the main thing, of its longer side, that is left when the network looks closer
 CLOSER_SHARE = 0.5  # of the photo: what fills more of it is not seen much finer from closer
@@ -74,7 +72,7 @@ class SalientObjectNetwork:
         self._session = self._open(1)
         inputs = self._session.get_inputs()
         shape = inputs[0].shape
-        if len(inputs) != 1 or len(shape) != 4 or shape[1] != CHANNELS or inputs[0].type != "tensor(float)":
+        if len(inputs) != 1 or len(shape) != 4 or shape[1] != 3 or inputs[0].type != "tensor(float)":
             described = ", ".join(f"{one.name} {one.shape} {one.type}" for one in inputs)
             raise StepError(f"{self.path} takes {described}; expected one float image of 1 x 3 x height x width: use another network")
         self._input, self._output = inputs[0].name, self._session.get_outputs()[0].name
@@ -84,7 +82,7 @@ class SalientObjectNetwork:
         if self._one_by_one:
             self._session = self._open(2)
         chosen = self._choose_normalization(mean, deviation)
-        self._mean, self._deviation = (np.array(values, np.float32).reshape(1, 1, CHANNELS) for values in chosen)
+        self._mean, self._deviation = (np.array(values, np.float32).reshape(1, 1, 3) for values in chosen)
 
     def _open(self, threads: int) -> onnxruntime.InferenceSession:
         options = onnxruntime.SessionOptions()
@@ -109,7 +107,7 @@ class SalientObjectNetwork:
             f"{self.path} is none of the known networks ({', '.join(NETWORKS)}); its images are normalized by the mean and deviation of"
             " ImageNet. If it was trained with others, set segment.saliency.mean and deviation"
         )
-        return IMAGENET_MEAN, IMAGENET_DEVIATION
+        return LEVEL_MEAN, LEVEL_DEVIATION
 
     def predict(self, image: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
         """How likely each pixel shows the object, 0 to 1.

@@ -4,10 +4,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from zeroshop_steps.networks.layers import Mlp
+from zeroshop_steps.networks.layers import NORM_EPSILON, Mlp
 from zeroshop_steps.networks.sam6d.settings import GRID, IMAGE_PX, PATCH_PX, Sam6dSettings
 
-NORM_EPSILON = 1e-6
 FINER = 4  # each patch gives FINER x FINER features, which are then interpolated
 
 

@@ -8,11 +8,11 @@ import torch.nn.functional as F
 from PIL import Image
 from torch import Tensor
 
+from zeroshop_steps.networks.imagenet import DEVIATION, MEAN
 from zeroshop_steps.networks.pretrained import load_pretrained
 
 MARGIN = 1.2
 """Side of the square, in longer sides of the mask's box."""
-MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet's colours
 
 
 def frame_object(image: np.ndarray, mask: np.ndarray, size_px: int) -> np.ndarray:
@@ -49,6 +49,6 @@ class ImageEncoder:
     def __call__(self, picture: np.ndarray) -> Tensor:
         """(T, width) tokens of a (size, size, 3) uint8 picture: class, registers and patches before the last norm, each normalised."""
         color = torch.from_numpy(picture).to(self.device).float().permute(2, 0, 1)[None] / 255.0
-        mean, std = (torch.tensor(values, device=self.device)[None, :, None, None] for values in (MEAN, STD))
+        mean, std = (torch.tensor(values, device=self.device)[None, :, None, None] for values in (MEAN, DEVIATION))
         tokens = self.model(pixel_values=(color - mean) / std, output_hidden_states=True).hidden_states[-1][0]
         return F.layer_norm(tokens.float(), tokens.shape[-1:])

@@ -7,6 +7,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from zeroshop_steps.networks.layers import NORM_EPSILON
+
 LONGEST_PERIOD = 10000.0
 TIME_FREQUENCIES = 256
 
@@ -103,7 +105,7 @@ class FeedForward(nn.Module):
 
 def plain_norm(width: int, affine: bool = False) -> nn.LayerNorm:
     """A layer norm as the blocks have it."""
-    return nn.LayerNorm(width, eps=1e-6, elementwise_affine=affine)
+    return nn.LayerNorm(width, eps=NORM_EPSILON, elementwise_affine=affine)
 
 
 class FlowBlock(nn.Module):

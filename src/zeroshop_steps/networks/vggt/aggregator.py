@@ -5,13 +5,13 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
+from zeroshop_steps.networks.imagenet import DEVIATION, MEAN
 from zeroshop_steps.networks.vggt.layers import LAYER_SCALE, Block, Rotation
 from zeroshop_steps.networks.vggt.patch_embed import PatchEmbed
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 
 ROPE_BASE = 100.0  # of the published network
 # Of ImageNet, by which the published network normalises.
-COLOR_MEAN, COLOR_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
 class Aggregator(nn.Module):
@@ -63,5 +63,5 @@ class Aggregator(nn.Module):
 
 def normalise_colors(images: Tensor) -> Tensor:
     """(S, 3, H, W) sRGB in 0 to 1, as DINOv2 wants it."""
-    mean, std = (torch.tensor(values, device=images.device, dtype=images.dtype)[:, None, None] for values in (COLOR_MEAN, COLOR_STD))
+    mean, std = (torch.tensor(values, device=images.device, dtype=images.dtype)[:, None, None] for values in (MEAN, DEVIATION))
     return (images - mean) / std

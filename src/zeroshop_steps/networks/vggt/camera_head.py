@@ -4,7 +4,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from zeroshop_steps.networks.layers import Mlp
+from zeroshop_steps.networks.layers import NORM_EPSILON, Mlp
 from zeroshop_steps.networks.vggt.layers import LAYER_SCALE, Block
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 
@@ -27,7 +27,7 @@ class CameraHead(nn.Module):
 
     def forward(self, tokens: Tensor, rounds: int = 4) -> Tensor:
         tokens = self.token_norm(tokens)
-        plain = F.layer_norm(tokens, tokens.shape[-1:], eps=1e-6)
+        plain = F.layer_norm(tokens, tokens.shape[-1:], eps=NORM_EPSILON)
         total: Tensor | None = None
         for _ in range(rounds):
             last = self.empty_pose_tokens[0].expand(len(tokens), -1) if total is None else total

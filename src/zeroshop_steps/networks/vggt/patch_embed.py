@@ -4,6 +4,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from zeroshop_steps.networks.layers import NORM_EPSILON
 from zeroshop_steps.networks.vggt.layers import Block
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 
@@ -31,7 +32,7 @@ class PatchEmbed(nn.Module):
         self.register_tokens = nn.Parameter(torch.zeros(1, settings.registers, width))
         self.mask_token = nn.Parameter(torch.zeros(1, width))  # of the training; here only because checkpoints hold it
         self.blocks = nn.ModuleList(Block(width, settings.heads, False, 1.0, 1e-6) for _ in range(settings.embed_depth))
-        self.norm = nn.LayerNorm(width, eps=1e-6)
+        self.norm = nn.LayerNorm(width, eps=NORM_EPSILON)
 
     def forward(self, images: Tensor) -> Tensor:
         positions = self._positions(images.shape[2] // self.patch_px, images.shape[3] // self.patch_px)

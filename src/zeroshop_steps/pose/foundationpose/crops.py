@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from zeroshop_steps.geometry.cameras.pinhole import NEAREST_MM
 from zeroshop_steps.geometry.meshes.surface_parts import with_texture
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.rendering.rasterization import Fragments, PixelGrid, rasterize
@@ -20,7 +21,6 @@ from zeroshop_steps.networks.foundationpose.settings import CROP_PX, REFINER_MAR
 AMBIENT, DIFFUSE = 0.8, 0.5  # of the light from the camera, as shares of the colour
 PLAIN = 128 / 255  # colour of a model without texture
 MOST_RADII = 2.0  # coordinates farther from the pose's centre become 0, each on its own
-NEAREST_MM = 1.0  # depth below which nothing counts as seen, or a pose as in front of the camera
 
 
 @dataclass(frozen=True)

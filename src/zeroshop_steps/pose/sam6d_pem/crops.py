@@ -7,11 +7,11 @@ import numpy as np
 
 from zeroshop_steps.detect.templates import Templates
 from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.networks.imagenet import DEVIATION, MEAN
 from zeroshop_steps.networks.sam6d.settings import IMAGE_PX
+from zeroshop_steps.pose.dataset import NEAR_DIAMETERS
 
-MEAN, DEVIATION = np.array([0.485, 0.456, 0.406]), np.array([0.229, 0.224, 0.225])  # ImageNet's, of 0..1
 LEAST_POINTS = 8  # measured points of a mask; with no more, it is left out
-NEAR_DIAMETERS = 0.6  # of a point, from the mean; a point farther away cannot be on the object
 OBSERVED_POINTS, VIEW_POINTS = 2048, 5000  # that are drawn from a mask in the photo, and from one in a view
 HALF_PX = 0.5  # from the corner of a pixel, where the cameras of views count from, to its centre
 

@@ -16,8 +16,17 @@ CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=(
 
 METHOD: dict[str, Any] = {"title": "VGGT", "rank": 3, "weights": ("VGGT-1B/model.safetensors",), "mem_mb": 12000, "runtime_min": 240}
 PRESETS: dict[str, dict[str, Any]] = {
-    "vggt_1024": {"title": "VGGT 1024", "runtime_min": 480},
-    "vggt_4096": {"title": "VGGT 4096", "mem_mb": 24000, "runtime_min": 480},
+    "vggt_1024": {
+        "title": "VGGT 1024",
+        "runtime_min": 480,
+        "defaults": {"query_views": 30, "lens": "simple_pinhole", "max_error_px": 8.0},
+    },
+    "vggt_4096": {
+        "title": "VGGT 4096",
+        "mem_mb": 24000,
+        "runtime_min": 480,
+        "defaults": {"tracked_points": 4096, "query_views": 30, "lens": "simple_pinhole", "max_error_px": 8.0},
+    },
     "vggt_commercial": {"title": "VGGT (commercial)", "weights": ("VGGT-1B-Commercial/vggt_1B_commercial.pt",)},
 }
 """As the thesis calls it with quarter and full precision (it took the tracks of VGGSfM), and the same network trained again, whose licence

@@ -5,45 +5,29 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras.pinhole import Camera
-from zeroshop_steps.geometry.cameras.viewpoints import face_along, make_intrinsics
+from zeroshop_steps.geometry.cameras.viewpoints import place_around
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.report.site.results_index import Run
+from zeroshop_steps.report.site.viewer_data import QUALITY
 from zeroshop_steps.report.site.viewer_meshes import TrueModel
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_write
 
-THUMBNAIL_PX, THUMBNAIL_SAMPLES = 320, 3  # rays along each side of a pixel
-QUALITY = 82  # 0 to 100, of WebP
-FRONT = (1.0, -0.55, 0.45)
+THUMBNAIL_PX = 320
+FRONT = np.array([1.0, -0.55, 0.45])
 """Towards the camera, in the frame of the mesh: a little from the right and from above, so that three sides show."""
-DISTANCE_RADII = 4.0  # from the centre, in radii of the sphere around the mesh: little perspective
-MARGIN = 1.02  # the picture is so much larger than that sphere
 
 
-def write_webp(path: Path, image: np.ndarray, quality: int = QUALITY) -> None:
+def write_webp(path: Path, image: np.ndarray) -> None:
     """Write (height, width, 3 or 4) uint8 RGB or RGBA as WebP."""
     swapped = cv2.cvtColor(image, cv2.COLOR_RGBA2BGRA if image.shape[2] == 4 else cv2.COLOR_RGB2BGR)
-    made, data = cv2.imencode(".webp", swapped, [cv2.IMWRITE_WEBP_QUALITY, quality])
+    made, data = cv2.imencode(".webp", swapped, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
     if not made:
         raise StepError(f"{path} could not be written as WebP; OpenCV lacks it, install it again")
     with atomic_write(path) as temporary:
         temporary.write_bytes(data.tobytes())
-
-
-def place_camera(mesh: Mesh, size_px: int, direction: tuple[float, float, float] = FRONT) -> Camera:
-    """A square camera that sees the whole mesh from a direction in the frame of the mesh, z up."""
-    low, high = mesh.vertices.min(0), mesh.vertices.max(0)
-    centre, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-9)
-    forward = -np.array(direction) / np.linalg.norm(direction)
-    camera_from_world = np.eye(4)
-    camera_from_world[:3, :3] = face_along(forward)
-    camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ (centre - forward * DISTANCE_RADII * radius)
-    focal_px = size_px / 2 * np.sqrt(DISTANCE_RADII**2 - 1) / MARGIN  # its tangents from the camera meet the picture's edges
-    intrinsics = make_intrinsics(focal_px, size_px, size_px)
-    return Camera("view", size_px, size_px, intrinsics, camera_from_world)
 
 
 def render_thumbnail(runs: list[Run], truth: TrueModel | None) -> np.ndarray | None:
@@ -52,7 +36,9 @@ def render_thumbnail(runs: list[Run], truth: TrueModel | None) -> np.ndarray | N
     mesh = mesh or (truth.mesh if truth else None)
     if mesh is None:
         return None
-    color, coverage = MeshRenderer(mesh).render_cut_out(place_camera(mesh, THUMBNAIL_PX), THUMBNAIL_SAMPLES)
+    low, high = mesh.vertices.min(0), mesh.vertices.max(0)
+    camera = place_around((low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-9), FRONT, THUMBNAIL_PX)
+    color, coverage = MeshRenderer(mesh).render_cut_out(camera)
     return np.dstack([color, coverage])
 
 

@@ -17,6 +17,7 @@ from zeroshop_steps.report.site.mesh_reduction import ReducedMesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
 
+QUALITY = 82  # 0 to 100, of WebP
 UNSEEN = 255
 """The value of a distance that does not count, such as on the unseen underside."""
 LARGEST = 254  # the value of the largest distance that is shown
@@ -96,7 +97,7 @@ def encode_array(values: np.ndarray) -> str:
 
 def encode_texture(image: np.ndarray) -> str:
     """(height, width, 3) uint8 RGB as a WebP data URL."""
-    made, data = cv2.imencode(".webp", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_WEBP_QUALITY, 82])
+    made, data = cv2.imencode(".webp", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
     if not made:
         raise StepError(f"a texture of {image.shape[1]} x {image.shape[0]} px could not be written as WebP; OpenCV lacks it")
     return "data:image/webp;base64," + base64.b64encode(data.tobytes()).decode("ascii")

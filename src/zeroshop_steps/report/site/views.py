@@ -8,6 +8,7 @@ import numpy as np
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.registered_views import View, read_views
 from zeroshop_steps.geometry.cameras.transforms import crop_to_mask, transform_camera
+from zeroshop_steps.geometry.imaging.contact_sheets import arrange_in_rows, tile_size_px
 from zeroshop_steps.geometry.imaging.images import list_images, read_image, read_mask
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
@@ -17,13 +18,11 @@ from zeroshop_steps.report.site.viewer_meshes import compute_truth_from_object, 
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure
 
-TILE_PX, SHEET_COLUMNS, VIEW_PX = 190, 5, 300
-SHEET_QUALITY = 78  # 0 to 100, of WebP
+VIEW_PX = 300
 MISSING, MISSING_EDGE_PX = (196, 60, 48), 6
 """Frame of a photo without a camera: the report's red, wide enough to stand out."""
 FADED, PALE_LEVEL = 0.25, 170
 """A background keeps this share of its contrast and becomes at least so bright, of 255: the object stands out, its place is still known."""
-GAP_PX = 4
 
 
 def write_sheets(run: Run, folder: Path) -> dict[str, str]:
@@ -40,17 +39,17 @@ def write_sheets(run: Run, folder: Path) -> dict[str, str]:
     for path in photos:
         there = path.stem in registered
         image = read_image(source / "images" / path.name) if there and (source / "images" / path.name).is_file() else read_image(path)
-        tile = cv2.resize(image, (TILE_PX, round(TILE_PX * image.shape[0] / image.shape[1])), interpolation=cv2.INTER_AREA)
+        tile = cv2.resize(image, tile_size_px(image), interpolation=cv2.INTER_AREA)
         if registered and not there:
             cv2.rectangle(tile, (0, 0), (tile.shape[1] - 1, tile.shape[0] - 1), MISSING, MISSING_EDGE_PX)
         plain.append(tile)
         mask = next((mask for base in (source, run.capture) if (mask := base / "masks" / f"{path.stem}.png").is_file()), None)
         if mask is not None:
             masked.append(dim_background(tile, read_mask(mask)))
-    write_webp(folder / f"photos-{run.key}.webp", make_contact_sheet(plain), SHEET_QUALITY)
+    write_webp(folder / f"photos-{run.key}.webp", arrange_in_rows(plain))
     names = {"photos": f"photos-{run.key}.webp"}
     if masked:
-        write_webp(folder / f"masks-{run.key}.webp", make_contact_sheet(masked), SHEET_QUALITY)
+        write_webp(folder / f"masks-{run.key}.webp", arrange_in_rows(masked))
         names["masks"] = f"masks-{run.key}.webp"
     return names
 
@@ -62,18 +61,6 @@ def dim_background(tile: np.ndarray, mask: np.ndarray) -> np.ndarray:
     outline = cv2.morphologyEx(small, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0
     faded[outline] = (232, 80, 40)
     return faded
-
-
-def make_contact_sheet(tiles: list[np.ndarray]) -> np.ndarray:
-    """Tiles of the same width in rows of five, with white gaps."""
-    height = max(tile.shape[0] for tile in tiles)
-    rows = -(-len(tiles) // SHEET_COLUMNS)
-    columns = min(SHEET_COLUMNS, len(tiles))
-    whole = np.full((rows * (height + GAP_PX) - GAP_PX, columns * (TILE_PX + GAP_PX) - GAP_PX, 3), 255, np.uint8)
-    for k, tile in enumerate(tiles):
-        top, left = (k // SHEET_COLUMNS) * (height + GAP_PX), (k % SHEET_COLUMNS) * (TILE_PX + GAP_PX)
-        whole[top : top + tile.shape[0], left : left + TILE_PX] = tile
-    return whole
 
 
 def write_views(cell: Cell, run: Run, folder: Path) -> dict[str, str]:
@@ -123,7 +110,7 @@ def draw_comparison_strip(renderer: MeshRenderer, view: View, frame: np.ndarray)
     """A photo, masked, beside the textured mesh from the same camera and their difference, amplified four times."""
     camera, photo, mask = cut_tile(view, frame)
     photo = np.where(mask[..., None], photo, 255)
-    render = renderer.render_color(camera, (255, 255, 255), 2)
+    render = renderer.render_color(camera)
     # Differences are amplified.
     difference = np.clip(255 - 4.0 * np.abs(photo.astype(int) - render), 0, 255).astype(np.uint8)
     return np.concatenate([photo, render, difference], 1)

@@ -43,15 +43,13 @@ def draw_tomato_slice(canvas: Canvas, x: float, y: float, radius: float) -> None
             canvas.ellipse(seed[0], seed[1], radius * 0.055, radius * 0.035, "#f6d27a", turn=60 * j)
 
 
-def draw_citrus_slice(
-    canvas: Canvas, x: float, y: float, radius: float, peel: str = "#f6c400", flesh: str = "#ffe56b", segments: int = 9
-) -> None:
+def draw_citrus_slice(canvas: Canvas, x: float, y: float, radius: float, peel: str = "#f6c400", flesh: str = "#ffe56b") -> None:
     """A cut lemon or orange."""
     canvas.ellipse(x, y, radius, radius, peel)
     canvas.ellipse(x, y, radius * 0.91, radius * 0.91, "#fffbe6")
-    for i in range(segments):
-        width = 2 * np.pi / segments * 0.86
-        angle = 2 * np.pi * i / segments + np.linspace(-width / 2, width / 2, 9)
+    for i in range(9):
+        width = 2 * np.pi / 9 * 0.86
+        angle = 2 * np.pi * i / 9 + np.linspace(-width / 2, width / 2, 9)
         tip = radius * 0.12 * np.array([np.cos(angle[4]), np.sin(angle[4])])
         rim = 0.84 * radius * np.stack([np.cos(angle), np.sin(angle)], 1)
         canvas.polygon(np.concatenate([[tip], rim]) + (x, y), RadialGradient(flesh, peel, (0.5, 0.5), 1.8))
@@ -75,8 +73,9 @@ def draw_cracker(canvas: Canvas, x: float, y: float, size: float, turn: float, s
         canvas.ellipse(spot[0], spot[1], size * 0.022, size * 0.012, "#4a2a10" if kind < 0.4 else "#fff2cf", turn=tilt)
 
 
-def draw_wheat(canvas: Canvas, x: float, y: float, height: float, turn: float, colour: str = "#e9b949") -> None:
+def draw_wheat(canvas: Canvas, x: float, y: float, height: float, turn: float) -> None:
     """An ear of wheat whose stalk starts at (x, y) and points up, turned clockwise by `turn`."""
+    colour = "#e9b949"
     canvas.line(rotate_points([(0, 0), (0, -height * 0.96)], turn) + (x, y), height * 0.018, colour)
     for i in range(7):
         at = -height * (0.42 + 0.08 * i)

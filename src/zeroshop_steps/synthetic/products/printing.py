@@ -43,14 +43,11 @@ def draw_nutrition_table(
     width: float,
     rows: Sequence[tuple[str, str]],
     cap: float = 1.5,
-    ink: str = "#1a1a1a",
-    paper: str | None = "#ffffff",
 ) -> float:
     """A ruled table "typical values per 100 g"; returns its height in mm."""
-    pitch = cap * 1.9
+    ink, pitch = "#1a1a1a", cap * 1.9
     height = pitch * (len(rows) + 2) + cap
-    if paper is not None:
-        canvas.rectangle(x, y, width, height, paper)
+    canvas.rectangle(x, y, width, height, "#ffffff")
     frame = [(x, y), (x + width, y), (x + width, y + height), (x, y + height), (x, y)]
     canvas.line(frame, cap * 0.2, ink)
     canvas.text(x + width / 2, y + cap * 1.7, "NUTRITION", cap * 1.15, ink, "bold", max_width=width * 0.9)
@@ -75,27 +72,21 @@ def draw_paragraph(
     words: str,
     cap: float,
     ink: Fill,
-    font: str = "sans",
-    pitch: float = 1.75,
-    align: str = "left",
 ) -> float:
     """Text broken into lines of `width` mm; y is the top. Returns the y below the last line."""
     line: list[str] = []
     base = y + cap
-    anchor = {"left": x, "middle": x + width / 2, "right": x + width}[align]
     for word in words.split():
-        if line and canvas.text_width(" ".join([*line, word]), cap, font) > width:
-            canvas.text(anchor, base, " ".join(line), cap, ink, font, align, max_width=width)
-            line, base = [], base + cap * pitch
+        if line and canvas.text_width(" ".join([*line, word]), cap, "sans") > width:
+            canvas.text(x, base, " ".join(line), cap, ink, "sans", "left", max_width=width)
+            line, base = [], base + 1.75 * cap
         line.append(word)
     if line:
-        canvas.text(anchor, base, " ".join(line), cap, ink, font, align, max_width=width)
-    return base + cap * (pitch - 1)
+        canvas.text(x, base, " ".join(line), cap, ink, "sans", "left", max_width=width)
+    return base + 0.75 * cap
 
 
-def draw_badge(
-    canvas: Canvas, x: float, y: float, radius: float, lines: Sequence[str], fill: Fill, ink: str = "#ffffff", teeth: int = 0
-) -> None:
+def draw_badge(canvas: Canvas, x: float, y: float, radius: float, lines: Sequence[str], fill: Fill, teeth: int = 0) -> None:
     """A round seal, with a toothed border where `teeth` are given, and centred lines of text."""
     if teeth:
         angle = np.linspace(0, 2 * np.pi, 4 * teeth, endpoint=False)
@@ -103,13 +94,13 @@ def draw_badge(
         canvas.polygon(np.stack([x + reach * np.cos(angle), y + reach * np.sin(angle)], 1), fill)
     else:
         canvas.ellipse(x, y, radius, radius, fill)
-    canvas.ring(x, y, radius * 0.86, radius * 0.04, ink)
+    canvas.ring(x, y, radius * 0.86, radius * 0.04, "#ffffff")
     pitch = radius * 1.15 / max(len(lines), 1)
     cap = min(pitch * 0.62, radius * 0.5)
     for i, line in enumerate(lines):
         base = y + (i - (len(lines) - 1) / 2) * pitch + cap / 2
         room = 1.62 * radius * np.sqrt(max(1 - ((base - cap / 2 - y) / radius) ** 2, 0.2))
-        canvas.text(x, base, line, cap, ink, "bold", max_width=room * 0.92)
+        canvas.text(x, base, line, cap, "#ffffff", "bold", max_width=room * 0.92)
 
 
 def draw_recycling_mark(canvas: Canvas, x: float, y: float, size: float, number: str, ink: str) -> None:

@@ -65,7 +65,6 @@ def revolve(
     segments: int = 128,
     seam_rad: float = np.pi,
     section: Section = circle,
-    centre: tuple[float, float] = (0.0, 0.0),
 ) -> Solid:
     """A body whose cross-sections are circles or superellipses; the first and last profile points have radius 0.
 
@@ -74,7 +73,6 @@ def revolve(
         widths_mm: width of the panels of walls (their once-around length) and of discs (their diameter).
         seam_rad: direction in which the print's left and right ends meet.
         section: half extents and exponent for a profile's radius and z.
-        centre: of a disc's panel is its middle; this shifts the body itself in x and y.
     """
     fractions = np.arange(segments + 1) / segments
     solid = []
@@ -84,7 +82,7 @@ def revolve(
             half_x, half_y, exponent = section(radius, z)
             ring = sample_superellipse(half_x, half_y, exponent, fractions, seam_rad) if radius > 0 else np.zeros((segments + 1, 2))
             ring[-1] = ring[0]
-            rings.append(np.column_stack([ring + centre, np.full(segments + 1, z)]))
+            rings.append(np.column_stack([ring, np.full(segments + 1, z)]))
         grid = np.stack(rings)
         width = widths_mm[band.panel]
         if band.disc is None:
@@ -92,7 +90,7 @@ def revolve(
             uv = np.stack(np.broadcast_arrays(fractions[None, :] * width, along[:, None]), -1)
         else:
             away = 1.0 if band.disc == "down" else -1.0
-            uv = np.stack([grid[..., 1] - centre[1], away * (grid[..., 0] - centre[0])], -1) + width / 2
+            uv = np.stack([grid[..., 1], away * grid[..., 0]], -1) + width / 2
         solid.append(_make_grid_patch(grid, uv, band.panel))
     return solid
 
@@ -141,9 +139,8 @@ def extrude(
     panel_down: str,
     panel_side: str,
     edge_mm: float = 1.0,
-    step_mm: float = 3.0,
 ) -> Solid:
-    """A plate of an outline (N, 2), counter-clockwise in x and y, with rounded edges of radius `edge_mm`.
+    """A plate of an outline (N, 2), counter-clockwise in x and y, with rounded edges of radius `edge_mm` and a ring about every 3 mm.
 
     The caps' panels have the outline's bounding box (u along y, as a reader in front sees them); the side's panel is as
     wide as the outline is long.
@@ -153,7 +150,7 @@ def extrude(
     arc = np.linspace(0, np.pi / 2, 5)
     inset = edge_mm * (1 - np.sin(arc))
     rise = edge_mm * (1 - np.cos(arc))
-    middle = np.linspace(z_low + edge_mm, z_high - edge_mm, max(int((z_high - z_low) / step_mm), 1) + 1)[1:-1]
+    middle = np.linspace(z_low + edge_mm, z_high - edge_mm, max(int((z_high - z_low) / 3.0), 1) + 1)[1:-1]
     levels = [*zip(z_low + rise, inset, strict=True), *((z, 0.0) for z in middle), *zip(z_high - rise[::-1], inset[::-1], strict=True)]
     rings = [np.column_stack([outline - inset_mm * outward, np.full(len(outline), z)]) for z, inset_mm in levels]
     grid = np.stack([np.concatenate([ring, ring[:1]]) for ring in rings])

@@ -17,7 +17,7 @@ from zeroshop_steps.synthetic.scenes.camera_rings import ObjectBounds
 from zeroshop_steps.synthetic.scenes.clutter import RigidBody, choose_rest, make_body
 from zeroshop_steps.synthetic.scenes.distractors import make_distractor
 from zeroshop_steps.synthetic.scenes.scene_meshes import make_object_mesh, make_surface_mesh
-from zeroshop_steps.synthetic.scenes.table_scene import MERGED_MM, merge_meshes, transform_mesh, vary_lights
+from zeroshop_steps.synthetic.scenes.table_scene import MERGED_MM, TABLE_SIZE_MM, merge_meshes, transform_mesh, vary_lights
 from zeroshop_steps.synthetic.scenes.table_tops import TABLE_TOPS, TableTop
 
 LEAST_GAP_MM, GAP_BETWEEN_MM = 50.0, 12.0  # from the object to a distractor, and between two of them
@@ -25,7 +25,6 @@ CLEAR_VIEW_DEG = 22.0
 """Seen from this high or higher, nothing hides the object."""
 SPREAD_MM = 260.0  # how much farther than that a distractor may lie
 BOARD_GAP_MM = 30.0  # from the object to the board's squares
-LEAST_LARGEST_MM = 150.0  # the table is laid out for an object of at least this size
 SCENE = "su_h"
 
 
@@ -54,7 +53,7 @@ class FilmTable:
 
 def lay_table(mesh: Mesh, bounds: ObjectBounds, seed: int, rng: np.random.Generator, top: str = "print") -> FilmTable:
     """Lay a table around an object: `bounds` is its middle, its size and its front."""
-    wide = ObjectBounds(bounds.centre_mm, max(bounds.largest_mm, LEAST_LARGEST_MM), bounds.bottom_mm, bounds.front_azimuth_deg)
+    wide = ObjectBounds(bounds.centre_mm, max(bounds.largest_mm, TABLE_SIZE_MM), bounds.bottom_mm, bounds.front_azimuth_deg)
     pose = compute_surface_from_board(mesh, bounds, BOARD, BOARD_GAP_MM)
     clutter = scatter_distractors(mesh, bounds, pose, TABLE_TOPS[top].things, rng)
     return FilmTable(mesh, clutter, wide, pose, vary_lights(wide, rng), seed, TABLE_TOPS[top])

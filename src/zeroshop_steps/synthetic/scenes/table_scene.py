@@ -19,6 +19,7 @@ from zeroshop_steps.synthetic.scenes.clutter import RigidBody
 from zeroshop_steps.synthetic.scenes.scene_meshes import make_object_mesh, make_surface_mesh
 
 TILE_PX, MARGIN_PX = 768, 8  # of each texture in the common one, and around it
+TABLE_SIZE_MM = 150.0  # tables are laid out for an object of at least this size
 MERGED_MM = 1.5  # samples of light closer than this that face the same way share theirs
 FOCAL_IN_WIDTHS = 1066.8 / 640.0  # YCB-Video's camera
 ELEVATIONS_DEG = (25.0, 65.0)  # of the cameras

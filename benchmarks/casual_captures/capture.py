@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from casual_captures.scene import DIFFICULTIES, FULL_ROUND_DEG, CasualRenderer, Style, choose_style, lay_scene
 from zeroshop_steps.geometry.cameras.pinhole import Camera, write_cameras
 from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at, make_intrinsics
 from zeroshop_steps.geometry.imaging.images import write_mask
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
-from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, atomic_write, write_json
 from zeroshop_steps.runtime.progress import track
@@ -24,9 +24,7 @@ from zeroshop_steps.synthetic import virtual_capture
 from zeroshop_steps.synthetic.rendering.renderer import expose
 from zeroshop_steps.synthetic.rendering.shading import use_threads
 from zeroshop_steps.synthetic.scenes.camera_rings import ObjectBounds
-from zeroshop_steps.synthetic.scenes.casual_scene import DIFFICULTIES, FULL_ROUND_DEG, CasualRenderer, Style, choose_style, lay_scene
 
-CACHED = Cached(inputs=("model",), ignored=("threads",))
 LONG_SIDE_PX = 720
 FOCAL_IN_LONG_SIDES = (0.72, 0.86)  # of phones: 26 to 31 mm on a full frame
 LEAST_DISTANCE_MM = 200.0  # nearer a phone does not focus

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from casual_captures.bodies import make_ellipsoid, make_mottled_panel, make_rod, make_turned
 from zeroshop_steps.synthetic.products.assemble import Product
-from zeroshop_steps.synthetic.products.bodies import make_ellipsoid, make_mottled_panel, make_rod, make_turned
 from zeroshop_steps.synthetic.products.canvas import Canvas
 from zeroshop_steps.synthetic.products.solids import Solid, make_rounded_box, transform_solid
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from casual_captures.bodies import make_ellipsoid, make_mottled_panel, make_rod, make_turned
 from zeroshop_steps.synthetic.products.assemble import Product
-from zeroshop_steps.synthetic.products.bodies import make_ellipsoid, make_mottled_panel, make_rod, make_turned
 from zeroshop_steps.synthetic.products.canvas import Canvas
 from zeroshop_steps.synthetic.products.illustrations import draw_leaf
 from zeroshop_steps.synthetic.products.panels import Panel

@@ -11,10 +11,11 @@ import torch
 from helpers.paths import REPOSITORY
 from helpers.small_saliency import write_network
 from helpers.small_u2net import export_small, make_small
+from u2net import U2Net, read_weights, write_weights
 from zeroshop_steps.geometry.imaging.images import read_image
-from zeroshop_steps.networks.saliency.salient_networks import IMAGENET_DEVIATION, IMAGENET_MEAN, NETWORKS
+from zeroshop_steps.networks.imagenet import LEVEL_DEVIATION, LEVEL_MEAN
+from zeroshop_steps.networks.saliency.salient_networks import NETWORKS
 from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
-from zeroshop_steps.networks.saliency.u2net import U2Net, read_weights, write_weights
 from zeroshop_steps.runtime.errors import StepError
 
 REAL = NETWORKS["u2netp"]
@@ -62,7 +63,7 @@ def test_weights_are_written_and_read(tmp_path, exported):
     for one, other in run_both(trained, tmp_path / "trained.onnx", rng.normal(size=(1, 3, *SIDES_PX)).astype(np.float32)):
         np.testing.assert_allclose(one, other, atol=1e-5)
         assert np.ptp(one) > 1e-3
-    finder = SalientObjectNetwork(tmp_path / "trained.onnx", IMAGENET_MEAN, IMAGENET_DEVIATION)
+    finder = SalientObjectNetwork(tmp_path / "trained.onnx", LEVEL_MEAN, LEVEL_DEVIATION)
     found = finder.predict(rng.integers(0, 256, (50, 60, 3), dtype=np.uint8), (60, 50))
     assert found.shape == (50, 60) and 0 < found.min() < found.max() < 1
 

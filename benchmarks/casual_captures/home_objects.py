@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from casual_captures.home import apple, computer_mouse, desk_lamp, potted_plant, tissue_box, white_vase
+from casual_captures.toys import doll_chair, rubber_duck, teddy, thin_figure
 from zeroshop_steps.synthetic.demo_objects import write_product
 from zeroshop_steps.synthetic.products.assemble import Product
-from zeroshop_steps.synthetic.products.home import apple, computer_mouse, desk_lamp, potted_plant, tissue_box, white_vase
-from zeroshop_steps.synthetic.products.toys import doll_chair, rubber_duck, teddy, thin_figure
 
 HOME_OBJECTS: tuple[Callable[[], Product], ...] = (
     rubber_duck,

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import manifold3d
 import numpy as np
 
+from casual_captures.room import Panorama, light_by, make_book, make_packing, make_panorama, make_wall
+from casual_captures.tops import TOPS, lay_paper, make_bare, make_newspaper, make_sheet
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.transforms import transform_points
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
@@ -20,12 +22,10 @@ from zeroshop_steps.synthetic.rendering import shading
 from zeroshop_steps.synthetic.rendering.lighting import Lights
 from zeroshop_steps.synthetic.rendering.renderer import SceneRenderer
 from zeroshop_steps.synthetic.scenes.camera_rings import ObjectBounds
-from zeroshop_steps.synthetic.scenes.casual_room import Panorama, light_by, make_book, make_packing, make_panorama, make_wall
-from zeroshop_steps.synthetic.scenes.casual_tops import TOPS, lay_paper, make_bare, make_newspaper, make_sheet
 from zeroshop_steps.synthetic.scenes.clutter import choose_rest, make_body
 from zeroshop_steps.synthetic.scenes.film_scene import find_object_pixels
 from zeroshop_steps.synthetic.scenes.scene_meshes import SURFACE_SIDE_IN_SIZES, make_object_mesh, make_surface_mesh
-from zeroshop_steps.synthetic.scenes.table_scene import MERGED_MM, TILE_PX, merge_meshes, transform_mesh
+from zeroshop_steps.synthetic.scenes.table_scene import MERGED_MM, TABLE_SIZE_MM, TILE_PX, merge_meshes, transform_mesh
 
 DIFFICULTIES = (1, 2, 3)
 HARD = ("lamp", "own_color", "glossy_table", "wall", "cut_off", "short_arc", "crowded", "glossy_object", "exposure")
@@ -34,7 +34,6 @@ behind; photos that cut the object off; an arc of 60 to 80 degrees; things close
 HARD_COUNTS = {1: 0, 2: 1, 3: 3}
 EASY_LIGHTS = ("room", "window")
 PAPERS = {"newspaper": make_newspaper, "sheet": make_sheet}
-TABLE_SIZE_MM = 150.0  # the table is laid out for an object of at least this size
 THINGS, CROWD = (1, 4), (4, 7)  # how many other things there are, and where it is crowded
 GAPS_MM, CROWD_GAPS_MM = (45.0, 220.0), (10.0, 90.0)  # between the object and another thing
 FULL_ROUND_DEG = 360.0

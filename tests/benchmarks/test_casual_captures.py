@@ -6,18 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from casual_captures import home_objects
+from casual_captures import scene as casual_scene
+from casual_captures import tops as casual_tops
+from casual_captures.capture import place_cameras, render_casual_capture
+from casual_captures.scene import DIFFICULTIES, HARD_COUNTS, Style, choose_style, lay_scene, mean_color
 from helpers.capture_box import box_mesh, write_box
 from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
 from zeroshop_steps.geometry.imaging.images import compute_overlap, list_images, read_mask
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.synthetic import home_objects
-from zeroshop_steps.synthetic.casual_capture import place_cameras, render_casual_capture
 from zeroshop_steps.synthetic.products.assemble import make_textured_mesh
 from zeroshop_steps.synthetic.rendering import lighting
-from zeroshop_steps.synthetic.scenes import casual_scene, casual_tops, table_scene
+from zeroshop_steps.synthetic.scenes import table_scene
 from zeroshop_steps.synthetic.scenes.camera_rings import ObjectBounds
-from zeroshop_steps.synthetic.scenes.casual_scene import DIFFICULTIES, HARD_COUNTS, Style, choose_style, lay_scene, mean_color
 
 LONG_SIDE_PX = 160
 BOUNDS = ObjectBounds(np.zeros(3), 100.0, -50.0)
