@@ -30,8 +30,7 @@ DROPPED_WITH_HULL = ((), ("network",), ("prompted",))
 """Cues that know nothing in a part of the samples, so that one network serves without them."""
 RING = 0.5  # around the object, of its size, the ground is known to be empty in most captures
 MISLED, FAILED_OVERLAP = 0.15, 0.5  # share of the samples in which a cue fails; networks overlap with the hull by at most so much there
-MISLED_TOGETHER = 0.2  # share of the samples that are surely flat or raised in which all cues fail that say what a thing is
-SURE_POINTS, SURE_PRINT, LIKE_GROUND = 0.4, 0.5, 0.15  # of the channels, from which on heights of points or the ground's print are sure
+MISLED_TOGETHER, SURE_POINTS = 0.2, 0.4  # of those where points say more than this, in which all cues fail that say what a thing is
 SAY_WHAT = ("network", "prompted", "hull", "own_colors")
 
 
@@ -100,8 +99,7 @@ def mislead(channels: np.ndarray, labels: np.ndarray, rng: np.random.Generator) 
     """A part of the (N, C) channels and (N,) labels in which one cue alone fails: it says what it said elsewhere.
 
     A network fails in single photos, and a hull where single photos show something else than the others. And all cues that say what a thing
-    is fail together where they take a sheet that the object stands on for a part of it, or lack a part: then the points' heights and the
-    ground's print tell.
+    is fail together where they take a sheet that the object stands on for a part of it, or lack a part: then the points' heights tell.
     """
     column = fusion.CHANNELS.index
     known, failed = np.flatnonzero((channels[:, column("hull")] != 0) & (channels[:, column("network_known")] > 0)), []
@@ -114,10 +112,8 @@ def mislead(channels: np.ndarray, labels: np.ndarray, rng: np.random.Generator) 
             misled[:, column(agreement)] = rng.uniform(0, FAILED_OVERLAP, len(misled))
         failed.append((misled, labels[chosen]))
     together = [column(name) for cue in SAY_WHAT for name in fusion.CUES[cue].CHANNELS]
-    heights, print_, off = (channels[known, column(name)] for name in ("points_raised", "ground_print", "ground_off_in_any_light"))
-    flat = (heights < -SURE_POINTS) | ((print_ > SURE_PRINT) & (off < LIKE_GROUND))
-    for sure, label in ((flat, False), (heights > SURE_POINTS, True)):
-        told = known[sure & (labels[known] == label)]
+    for sign, label in ((-1, False), (1, True)):
+        told = known[(sign * channels[known, column("points_raised")] > SURE_POINTS) & (labels[known] == label)]
         chosen, others = told[rng.random(len(told)) < MISLED_TOGETHER], known[labels[known] != label]
         if len(chosen) and len(others):
             misled = channels[chosen]
