@@ -187,7 +187,7 @@ def test_without_stereo_training_starts_from_the_solid_hull_and_leaves_no_hole(b
     assert set(voxels.octree.levels) == {4} and np.linalg.norm(voxels.octree.centres, axis=1).min() < 0.2
     trainer = VoxelTrainer(voxels, ViewPyramid(views, views), initialization, settings)
     edge = 2.0 / 2**4
-    for allowed in (1.5 * edge, 0.3 * edge):  # the hull is as rough as its cells; training finds the ball in it
+    for allowed in (1.5 * edge, 0.4 * edge):  # the hull is as rough as its cells; training finds the ball in it
         for view, depth in zip(views, depths, strict=True):
             # Not at the rim, where rays pass beside the ball's true surface.
             inner = cv2.erode(view.mask.numpy(), np.ones((7, 7), np.uint8)) > 0

@@ -26,6 +26,9 @@ DENSITY_MIN, DENSITY_MAX = -4.0, 2.5
 """Bounds of the initial density, before activation: nearly clear, and opaque within one leaf."""
 HALF_DENSITY = 0.8
 """Density, before activation, at the suggested surface: transmittance falls to one half a fraction of a leaf behind it."""
+HULL_RISE, HULL_DENSITY = 1.0, -1.5
+"""The same without stereo, where the surface lies somewhere inside the hull: so soft that light reaches the leaves behind, and training
+moves it inwards. With the values above, the bulges of the hull of a carton stay."""
 SMOOTH_CELLS = 1.5
 """Standard deviation of the smoothing, in edges of the finest leaves."""
 FILL_PX = 1.5
@@ -36,9 +39,9 @@ def initialize_voxels(initialization: Initialization, views: list[TrainingView],
     """The cells of a level that the visual hull meets and that are not wholly in free space, those near the surface split.
 
     Dense behind confirmed depths and thin before them; where there are none, dense behind the hull's surface. Without stereo, the
-    whole hull is dense, and no cell split: training carves it, and splits where it has to (Sun et al. 2025). If all were thin, every
-    voxel of a ray would explain its pixel a little, and training would end in a mist with holes. Colours are means over the views,
-    the same from all sides.
+    whole hull is filled, denser with depth, and no cell split: training carves it, and splits where it has to (Sun et al. 2025). If
+    all were thin, every voxel of a ray would explain its pixel a little, and training would end in a mist with holes. Colours are
+    means over the views, the same from all sides.
 
     Args:
         initialization: free space and confirmed depths.
@@ -58,7 +61,7 @@ def initialize_voxels(initialization: Initialization, views: list[TrainingView],
     if settings.initialization == "stereo":
         octree, densities = _split_along_surface(octree, _smooth_distances(initialization, views, occupied), level)
     else:
-        densities = _densities_behind(octree, _hull_distances(occupied), level)
+        densities = _densities_behind(octree, _hull_distances(occupied), level, HULL_DENSITY, HULL_RISE)
     outward = octree.centres / np.linalg.norm(octree.centres, axis=1, keepdims=True)
     colors = average_colors(octree.centres, outward, views)
     return Voxels(
@@ -73,13 +76,14 @@ def _split_along_surface(octree: Octree, grid: np.ndarray, level: int) -> tuple[
     """Leaves of the next level along the surface that a grid of distances suggests, and (M,) the density at all corners."""
     depth = _look_up(grid, octree.centres)
     octree, _ = octree.refine(depth > -DEEP, np.abs(depth) < NEAR * octree.sizes)
-    return octree, _densities_behind(octree, grid, level + 1)
+    return octree, _densities_behind(octree, grid, level + 1, HALF_DENSITY, RISE)
 
 
-def _densities_behind(octree: Octree, grid: np.ndarray, finest_level: int) -> np.ndarray:
-    """(M,) densities, before activation, at all corners of a tree: they rise behind the surface of a grid of distances."""
+def _densities_behind(octree: Octree, grid: np.ndarray, finest_level: int, surface: float, rise: float) -> np.ndarray:
+    """(M,) densities, before activation, at all corners of a tree: that at the surface of a grid of distances, and the rise behind it
+    across one of the finest leaves."""
     edge = 2.0 / (1 << finest_level)
-    return HALF_DENSITY - RISE / edge * _look_up(grid, octree.corner_points * (2.0 / CELLS) - 1.0)
+    return surface - rise / edge * _look_up(grid, octree.corner_points * (2.0 / CELLS) - 1.0)
 
 
 def _look_up(grid: np.ndarray, points: np.ndarray) -> np.ndarray:
