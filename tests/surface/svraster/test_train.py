@@ -3,6 +3,7 @@
 import filecmp
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -172,6 +173,28 @@ def test_training_starts_dense_inside_confirmed_depths(ball: tuple) -> None:
     behind = (radius > RADIUS - 0.05) & (radius < RADIUS - 0.03)
     assert np.median(densities[behind]) > 0.5 and densities[radius > RADIUS + 0.08].max() < -3.0
     assert np.linalg.norm(octree.centres, axis=1).max() < RADIUS + 0.2
+
+
+@pytest.mark.slow
+def test_without_stereo_training_starts_from_the_solid_hull_and_leaves_no_hole(ball: tuple) -> None:
+    views, depths = ball
+    settings = VoxelSettings(
+        iterations=150, initialization="sparse", level_start=4, level_max=6, count_max=6000, lambda_normal=0.01, lambda_depth=0.25,
+        coarse_share=0.0, normal_from_share=0.0,
+    )  # fmt: skip
+    initialization = ball_initialization(views)
+    voxels = initialize_voxels(initialization, views, settings)
+    assert set(voxels.octree.levels) == {4} and np.linalg.norm(voxels.octree.centres, axis=1).min() < 0.2
+    trainer = VoxelTrainer(voxels, ViewPyramid(views, views), initialization, settings)
+    edge = 2.0 / 2**4
+    for allowed in (1.5 * edge, 0.4 * edge):  # the hull is as rough as its cells; training finds the ball in it
+        for view, depth in zip(views, depths, strict=True):
+            # Not at the rim, where rays pass beside the ball's true surface.
+            inner = cv2.erode(view.mask.numpy(), np.ones((7, 7), np.uint8)) > 0
+            found = render_depth(detached(trainer.model), view)[inner]
+            assert found.min() > 0, "a ray passes through"
+            assert np.mean(np.abs(found - depth[inner])) < allowed
+        trainer.run(settings.iterations)
 
 
 def test_pruning_and_subdivision_keep_the_field_and_the_cap() -> None:

@@ -1,4 +1,4 @@
-"""The voxels that training starts from: cells of the visual hull, finer and dense along the surface that stereo and masks suggest."""
+"""The voxels that training starts from: cells of the visual hull, dense behind the surface that stereo and masks suggest."""
 
 import numpy as np
 import torch
@@ -26,6 +26,9 @@ DENSITY_MIN, DENSITY_MAX = -4.0, 2.5
 """Bounds of the initial density, before activation: nearly clear, and opaque within one leaf."""
 HALF_DENSITY = 0.8
 """Density, before activation, at the suggested surface: transmittance falls to one half a fraction of a leaf behind it."""
+HULL_RISE, HULL_DENSITY = 1.0, -1.5
+"""The same without stereo, where the surface lies somewhere inside the hull: so soft that light reaches the leaves behind, and training
+moves it inwards. With the values above, the bulges of the hull of a carton stay."""
 SMOOTH_CELLS = 1.5
 """Standard deviation of the smoothing, in edges of the finest leaves."""
 FILL_PX = 1.5
@@ -35,9 +38,10 @@ FILL_PX = 1.5
 def initialize_voxels(initialization: Initialization, views: list[TrainingView], settings: VoxelSettings) -> Voxels:
     """The cells of a level that the visual hull meets and that are not wholly in free space, those near the surface split.
 
-    Dense behind confirmed depths and thin before them; where there are none, dense behind the hull's surface. Without stereo, all
-    are thin, and none is split: where the surface is, training finds out (Sun et al. 2025). Colours are means over the views, the
-    same from all sides.
+    Dense behind confirmed depths and thin before them; where there are none, dense behind the hull's surface. Without stereo, the
+    whole hull is filled, denser with depth, and no cell split: training carves it, and splits where it has to (Sun et al. 2025). If
+    all were thin, every voxel of a ray would explain its pixel a little, and training would end in a mist with holes. Colours are
+    means over the views, the same from all sides.
 
     Args:
         initialization: free space and confirmed depths.
@@ -57,7 +61,7 @@ def initialize_voxels(initialization: Initialization, views: list[TrainingView],
     if settings.initialization == "stereo":
         octree, densities = _split_along_surface(octree, _smooth_distances(initialization, views, occupied), level)
     else:
-        densities = np.full(len(octree.corner_points), DENSITY_MIN)
+        densities = _densities_behind(octree, _hull_distances(occupied), level, HULL_DENSITY, HULL_RISE)
     outward = octree.centres / np.linalg.norm(octree.centres, axis=1, keepdims=True)
     colors = average_colors(octree.centres, outward, views)
     return Voxels(
@@ -70,13 +74,21 @@ def initialize_voxels(initialization: Initialization, views: list[TrainingView],
 
 def _split_along_surface(octree: Octree, grid: np.ndarray, level: int) -> tuple[Octree, np.ndarray]:
     """Leaves of the next level along the surface that a grid of distances suggests, and (M,) the density at all corners."""
-
-    def distances(points: np.ndarray) -> np.ndarray:
-        return map_coordinates(grid, (points.T + 1.0) * (1 << level) - 0.5, order=1, mode="nearest")
-
-    depth = distances(octree.centres)
+    depth = _look_up(grid, octree.centres)
     octree, _ = octree.refine(depth > -DEEP, np.abs(depth) < NEAR * octree.sizes)
-    return octree, HALF_DENSITY - RISE * (1 << level) * distances(octree.corner_points * (2.0 / CELLS) - 1.0)
+    return octree, _densities_behind(octree, grid, level + 1, HALF_DENSITY, RISE)
+
+
+def _densities_behind(octree: Octree, grid: np.ndarray, finest_level: int, surface: float, rise: float) -> np.ndarray:
+    """(M,) densities, before activation, at all corners of a tree: that at the surface of a grid of distances, and the rise behind it
+    across one of the finest leaves."""
+    edge = 2.0 / (1 << finest_level)
+    return surface - rise / edge * _look_up(grid, octree.corner_points * (2.0 / CELLS) - 1.0)
+
+
+def _look_up(grid: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(P,) values at (P, 3) points of a grid over the root, interpolated between the centres of its cells."""
+    return map_coordinates(grid, (points.T + 1.0) * (len(grid) / 2) - 0.5, order=1, mode="nearest")
 
 
 def _depth_map(view: TrainingView, pixels: torch.Tensor, depths: torch.Tensor) -> np.ndarray:
@@ -94,14 +106,18 @@ def _smooth_distances(initialization: Initialization, views: list[TrainingView],
 
     Stereo's depths are sparse where the object is plain, and the hull has edges that it lacks: hence smooth.
     """
-    edge = 2.0 / len(occupied)
-    # Between the centres of a cell within and one without, each half an edge from it, lies the hull's surface.
-    by_hull = np.where(occupied, 0.5 - distance_transform_edt(occupied), distance_transform_edt(~occupied) - 0.5) * edge
+    by_hull = _hull_distances(occupied)
     near = np.argwhere(np.abs(by_hull) < 2 * REACH)
-    points = (near + 0.5) * edge - 1.0
+    points = (near + 0.5) * (2.0 / len(occupied)) - 1.0
     cameras, depths = [view.camera for view in views], [_depth_map(view, *find_depth_targets(view, initialization)[:2]) for view in views]
     by_depth = fuse_signed_distances(points, cameras, depths, REACH, zero_is_free=False, min_views=1)
     known = (by_depth > -REACH) & occupied[tuple(near.T)]
     distances = np.clip(by_hull, -REACH, REACH)
     distances[tuple(near[known].T)] = by_depth[known]
     return gaussian_filter(distances, SMOOTH_CELLS)
+
+
+def _hull_distances(occupied: np.ndarray) -> np.ndarray:
+    """Distance to the hull's surface at the centres of the cells of a grid over the root, negative inside, in normalized units."""
+    # Between the centres of a cell within and one without, each half an edge from it, lies the surface.
+    return np.where(occupied, 0.5 - distance_transform_edt(occupied), distance_transform_edt(~occupied) - 0.5) * (2.0 / len(occupied))
