@@ -41,6 +41,7 @@ tune half which overlap with the truth by less than 0.8."""
 MOST_ROOMS = 4  # that are tried for an object
 EQUAL, RIVAL = 0.9, 0.6  # how likely another object is meant: either may be, and it is tried, too
 LEAST_HALF, LEAST_COMMON = 6, 0.3  # photos in half of the capture, and share of the voxels that both halves show of an object that stays
+LEAST_SIZE = 0.5  # of the smaller thing that the halves show, in voxels of the larger one: an object that moved keeps its size
 SETTLED = 0.003  # a plane that moves less than this, in distances of the cameras, needs no new masks
 
 
@@ -223,7 +224,8 @@ def find_motion(scene: MaskScene, candidate: Candidate) -> str:
         except NothingFound:
             return ""
     first, second = (half.labels == 1 for half in halves)
-    if (first & second).sum() >= LEAST_COMMON * min(first.sum(), second.sum()):
+    smaller, larger = sorted((first.sum(), second.sum()))
+    if (first & second).sum() >= LEAST_COMMON * smaller or smaller < LEAST_SIZE * larger:
         return ""
     names = [scene.views[index].camera.name for index in (middle - 1, middle)]
     return (
