@@ -202,7 +202,7 @@ def test_the_command_grades_by_photos_and_where_it_can_by_the_truth(carton, prod
     assert evaluate(*options) == 0
     content = read_json(out)
     assert content["grade"] == "good" and content["judged_by"] == "photos" and content["truth"] is None
-    assert not product.with_name("quality.json").exists() and read_image(product.with_name("mesh_preview.png")).shape == (960, 1920, 3)
+    assert not product.with_name("quality.json").exists() and read_image(product.with_name("mesh_preview.png")).shape == (960, 1600, 3)
     evidence = with_surface_support(read_ply(product), product.with_name("evidence.npz"))
     assert 0.1 < evidence.measured_faces().mean() < 0.6, "its edges"
     assert evaluate(*options, "--model", carton.model.parent, "--capture", carton.capture, "--f-score-1-percent", 1.5, 0.9) == 0
