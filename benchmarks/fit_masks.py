@@ -103,7 +103,7 @@ def fit_cues(args: argparse.Namespace) -> None:
 def rate_hypotheses(truth: Truth, network: SalientObjectNetwork) -> list[dict[str, Any]]:
     """The measures of right and wrong masks: on each plane, and with some cues left out; and how they overlap with the truth."""
     rows = []
-    for number, candidate in enumerate(propose_supports(truth.scene.model, truth.scene.views, 0)):
+    for number, candidate in enumerate(propose_supports(truth.scene.model, truth.scene.views, truth.scene.planes)):
         for without in ((), ("network",), ("ground",), ("network", "own_colors"))[: None if number == 0 else 1]:
             with contextlib.suppress(NothingFound):
                 for found in try_support(truth.scene, candidate, network, without):

@@ -75,7 +75,7 @@ def resize_mask(path: Path, width_px: int, height_px: int) -> np.ndarray:
 
 def list_guesses(truth: Truth, network: SalientObjectNetwork) -> Iterator[tuple[MaskScene, Guess, list[np.ndarray | None]]]:
     """What the fusion meets while the finder runs with the weights that it has: the scene, the guess, and the true masks of its windows."""
-    candidates = list(propose_supports(truth.scene.model, truth.scene.views, 0))
+    candidates = list(propose_supports(truth.scene.model, truth.scene.views, truth.scene.planes))
     for candidate in (candidates[0], candidates[-1]):
         met: list[tuple[MaskScene, Guess]] = [(truth.scene, start_guess(truth.scene, truth.scene.place(candidate.support)))]
 

@@ -58,7 +58,7 @@ def test_each_of_several_objects_can_be_meant(tmp_path):
     balls = [(1.0, 0.0, 0.3), (-1.0, 0.0, 0.3)]
     views, model = table_views(tmp_path, [balls] * COUNT)
     scene = read_mask_scene(views, model, Exposure(np.zeros((COUNT, 3)), False, []), None, 240)
-    found = find_all_on(scene, next(propose_supports(model, views, 0)))[1]
+    found = find_all_on(scene, next(propose_supports(model, views, scene.planes)))[1]
     listed = describe_objects(scene, found)
     assert len(listed) == 2 and draw_objects(scene, found).shape[1] == 3 * SHOWN_WIDTH_PX
     for ball in balls:

@@ -19,7 +19,7 @@ BALL = (0.0, 0.0, 0.5)
 def printed(tmp_path_factory):
     views, model = table_views(tmp_path_factory.mktemp("printed"), [[BALL]] * 8)
     scene = read_mask_scene(views, model, Exposure(np.zeros((8, 3)), False, []), None, 240)
-    return scene, next(propose_supports(model, views, 0)).support, [ball_mask(view.camera, BALL) for view in views]
+    return scene, next(propose_supports(model, views, scene.planes)).support, [ball_mask(view.camera, BALL) for view in views]
 
 
 def channel(stack, name):

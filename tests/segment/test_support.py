@@ -7,7 +7,7 @@ import pytest
 
 from helpers.table_scene import table_views
 from zeroshop_steps.geometry.cameras.pinhole import SparseModel
-from zeroshop_steps.geometry.support.scene_support import find_focus, fit_scene_support
+from zeroshop_steps.geometry.support.scene_support import find_focus, fit_level_planes, fit_scene_support
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.support import find_clusters, guess_supports, propose_supports
 
@@ -67,7 +67,7 @@ def test_a_plain_table_has_no_points_and_a_guess_serves(plain_scene):
         fit_scene_support(model, views)
     [support] = guess_supports(model, views)
     assert support.normal @ [0, 0, 1] > np.cos(np.radians(1.0)) and abs(support.offset) < 0.06 * support.distance
-    first, last = propose_supports(model, views, 0)
+    first, last = propose_supports(model, views, fit_level_planes(model, views))
     assert not first.fitted and first.support is not None and last.support is None
 
 
@@ -79,7 +79,7 @@ def test_a_plane_below_the_one_with_most_points_is_proposed_next(plain_scene):
     table = rng.uniform(-2, 2, (900, 2))
     table = table[np.abs(table).max(axis=1) > 1.05]
     mixed = add_points(model, np.concatenate([plate, np.column_stack([table, np.zeros(len(table))])]))
-    first, second, *_ = propose_supports(mixed, views, 0)
+    first, second, *_ = propose_supports(mixed, views, fit_level_planes(mixed, views))
     assert first.fitted and abs(first.support.offset - 0.25) < 0.01
     assert second.fitted and abs(second.support.offset) < 0.01
 

@@ -92,10 +92,10 @@ def find_masks(
     Raises:
         StepError: nothing is found, or the masks are likely wrong.
     """
-    scene = read_mask_scene(views, model, exposure, saliency, width_px, segmenter)
+    scene = read_mask_scene(views, model, exposure, saliency, width_px, segmenter, seed)
     best: Hypothesis | None = None
     failures: list[tuple[NothingFound, Candidate]] = []
-    for candidate in propose_supports(model, views, seed):
+    for candidate in propose_supports(model, views, scene.planes):
         try:
             for hypothesis in try_support(scene, candidate, network, place=place):
                 if best is None or hypothesis.score.probability > best.score.probability:

@@ -52,9 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write the list."""
     views, model = read_views(args.scene)
-    scene = read_mask_scene(views, model, estimate_exposure(args.scene, views), None, args.image_width_px)
+    scene = read_mask_scene(views, model, estimate_exposure(args.scene, views), None, args.image_width_px, seed=args.seed)
     failure: NothingFound | None = None
-    for candidate in propose_supports(model, views, args.seed):
+    for candidate in propose_supports(model, views, scene.planes):
         try:
             _, found, _ = find_all_on(scene, candidate)
             break

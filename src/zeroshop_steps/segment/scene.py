@@ -39,6 +39,7 @@ class MaskScene:
         closer_saliency: what it sees in each window alone; None where it was not asked.
         width_px: the width at which masks are cut.
         segmenter: Segment Anything, asked where a hull is known; None without it.
+        planes: level planes that many sparse points lie on, falling (fit_level_planes).
     """
 
     views: Sequence[View]
@@ -50,6 +51,7 @@ class MaskScene:
     closer_saliency: Sequence[np.ndarray] | None
     width_px: int
     segmenter: PromptedSegmenter | None
+    planes: Sequence[SceneSupport]
 
     @cached_property
     def images(self) -> list[np.ndarray]:
@@ -83,12 +85,6 @@ class MaskScene:
             return focus, distance
         return point, float(np.median(np.linalg.norm(ways, axis=1)))
 
-    @cached_property
-    def lowest_plane(self) -> SceneSupport | None:
-        """The lowest level plane that many sparse points lie on."""
-        planes = fit_level_planes(self.model, list(self.views))
-        return planes[-1] if planes else None
-
     def place(self, support: SceneSupport | None) -> SceneSupport | None:
         """A plane with the scene's focus and distance."""
         focus, distance = self.focus
@@ -98,8 +94,8 @@ class MaskScene:
         """Some of the views."""
         saliency = None if self.saliency is None else self.saliency[part]
         model = replace(self.model, seen=None if self.model.seen is None else self.model.seen[part])
-        own = self.views[part], model, self.photos[part], self.windows[part], self.cameras[part], saliency, None, self.width_px, None
-        return MaskScene(*own)
+        own = self.views[part], model, self.photos[part], self.windows[part], self.cameras[part], saliency, None
+        return MaskScene(*own, self.width_px, None, self.planes)
 
     def look_closer(self, windows: Sequence[Window], network: SalientObjectNetwork | None) -> "MaskScene":
         """The scene seen through other windows.
@@ -126,6 +122,7 @@ def read_mask_scene(
     saliency: Sequence[np.ndarray] | None,
     width_px: int,
     segmenter: PromptedSegmenter | None = None,
+    seed: int = 0,
 ) -> MaskScene:
     """Read the whole photos.
 
@@ -135,6 +132,7 @@ def read_mask_scene(
         saliency: (h, w) of each photo, 0 to 1, of any size; None without a network.
         width_px: the width at which masks are cut.
         segmenter: Segment Anything; None without it.
+        seed: of the RANSAC that fits planes.
     """
 
     def read(view: View, log_gain: np.ndarray) -> np.ndarray:
@@ -152,7 +150,9 @@ def read_mask_scene(
             cv2.resize(seen, (camera.width_px, camera.height_px), interpolation=cv2.INTER_LINEAR)
             for seen, camera in zip(saliency, cameras, strict=True)
         ]
-    return MaskScene(views, model, photos, windows, cameras, saliency, None, width_px, segmenter)
+    return MaskScene(
+        views, model, photos, windows, cameras, saliency, None, width_px, segmenter, fit_level_planes(model, list(views), seed)
+    )
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from zeroshop_steps.geometry.cameras.pinhole import SparseModel
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.imaging.channels import take_largest
 from zeroshop_steps.geometry.support.ground_plane import MIN_CERTAINTY, estimate_up_from_roll
-from zeroshop_steps.geometry.support.scene_support import SceneSupport, find_scene_focus, fit_level_planes, measure_aside
+from zeroshop_steps.geometry.support.scene_support import SceneSupport, find_scene_focus, measure_aside
 from zeroshop_steps.segment.ground_picture import build_ground_picture
 from zeroshop_steps.segment.mask_hull import Solution
 from zeroshop_steps.segment.scene import MaskScene
@@ -40,11 +40,10 @@ class Candidate:
     fitted: bool
 
 
-def propose_supports(model: SparseModel, views: Sequence[View], seed: int) -> Iterator[Candidate]:
-    """The plane that most points lie on, the next one below it, the plane just below the object's own points, and none."""
-    views = list(views)
-    yield from (Candidate(plane, True) for plane in fit_level_planes(model, views, seed))
-    yield from (Candidate(guess, False) for guess in guess_supports(model, views))
+def propose_supports(model: SparseModel, views: Sequence[View], planes: Sequence[SceneSupport]) -> Iterator[Candidate]:
+    """The `planes` that sparse points lie on, the planes just below the object's own points, and none."""
+    yield from (Candidate(plane, True) for plane in planes)
+    yield from (Candidate(guess, False) for guess in guess_supports(model, list(views)))
     yield Candidate(None, False)
 
 

@@ -16,12 +16,14 @@ from zeroshop_steps.pose.foundationpose.estimator import FoundationPoseModel, Po
 from zeroshop_steps.pose.foundationpose.networks import PairNetworks
 from zeroshop_steps.runtime.errors import warn
 
+ITERATIONS = 5  # refinements of each hypothesis, where nothing else is asked
+
 
 def add_common_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of all estimators, and those of FoundationPose."""
     dataset.add_arguments(parser)
     add_network_arguments(parser)
-    parser.add_argument("--iterations", type=int, default=5, help="refinements of each hypothesis (default: %(default)s)")
+    parser.add_argument("--iterations", type=int, default=ITERATIONS, help="refinements of each hypothesis (default: %(default)s)")
 
 
 def add_network_arguments(parser: argparse.ArgumentParser) -> None:

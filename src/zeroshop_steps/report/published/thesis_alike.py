@@ -109,7 +109,9 @@ def compare_score(
             options = (made.get("detect") or {}).get(method) or {}
             found += _unlike(f"{method}: ", options, {"proposals": PROPOSALS[method], "describer": DESCRIBER})
     if row["method"] == "foundationpose":
-        usual = {"iterations": ITERATIONS_OF_POSE} if "pose" in made else {}  # of the estimator, where the config says nothing
+        from zeroshop_steps.pose.foundationpose.steps import ITERATIONS  # PyTorch takes seconds, and few tables need it
+
+        usual = {"iterations": ITERATIONS} if "pose" in made else {}  # where the config says nothing
         options = usual | ((made.get("pose") or {}).get("foundationpose") or {})
         found += _unlike("foundationpose: ", options, {"iterations": ITERATIONS_OF_POSE})
     if row["models"] != "models":

@@ -41,9 +41,11 @@ def measure_raised(scene: MaskScene, guess: Guess) -> np.ndarray | None:
 
     The ground is the guess's plane if points gave it, else the scene's lowest one; without one, None is returned.
     """
-    support = guess.support if guess.support is not None and guess.support.inliers else scene.lowest_plane
-    if support is None:
-        return None
+    support = guess.support
+    if support is None or not support.inliers:
+        if not scene.planes:
+            return None
+        support = scene.planes[-1]
     focus, distance = scene.focus
     heights = support.heights(scene.model.points) / (THRESHOLD_DISTANCES * distance)
     # A point of the ground lies within the error of the plane, one of the object above twice that.
