@@ -43,7 +43,7 @@ class GroundPicture:
 
     def view_from_cell(self, camera: Camera) -> np.ndarray:
         """(3, 3) homography from cells to the pixels of a view, pixel centres at whole numbers."""
-        return _find_homography(camera, self.world_from_cell)
+        return find_homography(camera, self.world_from_cell)
 
 
 def lay_cells(support: SceneSupport, reach: float = REACH) -> tuple[int, np.ndarray]:
@@ -80,7 +80,7 @@ def build_ground_picture(
 
     def sample(place: int, index: int) -> None:
         camera, image = cameras[index], images[index]
-        homography = _find_homography(camera, world_from_cell)
+        homography = find_homography(camera, world_from_cell)
         back = np.linalg.inv(homography)
         seen = np.ones(image.shape[:2], np.float32) if hidden is None else 1.0 - hidden[index].astype(np.float32)
         seen *= find_in_front(camera, homography)
@@ -100,7 +100,8 @@ def find_in_front(camera: Camera, view_from_cell: np.ndarray) -> np.ndarray:
     return np.asarray(cell_from_view[2, 0] * x + cell_from_view[2, 1] * y + cell_from_view[2, 2] > 0)  # the inverse of the depth
 
 
-def _find_homography(camera: Camera, world_from_cell: np.ndarray) -> np.ndarray:
+def find_homography(camera: Camera, world_from_cell: np.ndarray) -> np.ndarray:
+    """(3, 3) from positions on a plane, whose (4, 3) map into the world is given, to pixels of a camera, with centres at whole numbers."""
     shift = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])
     return np.asarray(shift @ camera.intrinsics @ camera.camera_from_world[:3] @ world_from_cell)
 

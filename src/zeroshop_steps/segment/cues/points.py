@@ -8,7 +8,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.support.scene_support import THRESHOLD_DISTANCES
+from zeroshop_steps.geometry.support.scene_support import THRESHOLD_DISTANCES, SceneSupport
 from zeroshop_steps.segment.scene import Guess, MaskScene
 
 CHANNELS = ("points_raised", "points_known")
@@ -39,15 +39,20 @@ def prepare(scene: MaskScene, guess: Guess) -> Callable[[int], list[np.ndarray]]
 def measure_raised(scene: MaskScene, guess: Guess) -> np.ndarray | None:
     """Whether sparse points, (P,), lie above the ground: 1; on it or far from the scene's focus: -1; 0 of what is mirrored in it.
 
-    The ground is the guess's plane if points gave it, else the scene's lowest one; without one, None is returned.
+    Without a ground (choose_ground), None is returned.
     """
-    support = guess.support
-    if support is None or not support.inliers:
-        if not scene.planes:
-            return None
-        support = scene.planes[-1]
+    support = choose_ground(scene, guess)
+    if support is None:
+        return None
     focus, distance = scene.focus
     heights = support.heights(scene.model.points) / (THRESHOLD_DISTANCES * distance)
     # A point of the ground lies within the error of the plane, one of the object above twice that.
     raised = np.where(heights < -1, 0.0, np.clip(2 * heights - 3, -1, 1))
     return np.where(np.linalg.norm(scene.model.points - focus, axis=1) > NEAR * distance, -1.0, raised)
+
+
+def choose_ground(scene: MaskScene, guess: Guess) -> SceneSupport | None:
+    """The guess's plane if points gave it, else the scene's lowest level plane; None where there is none."""
+    if guess.support is not None and guess.support.inliers:
+        return guess.support
+    return scene.planes[-1] if scene.planes else None

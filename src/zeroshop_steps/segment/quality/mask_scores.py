@@ -7,18 +7,22 @@ measures, fitted on hypotheses for many captures, right and wrong ones (benchmar
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 from scipy import ndimage
 from scipy.special import expit
 
+from zeroshop_steps.geometry.cameras.registered_views import space_evenly
 from zeroshop_steps.geometry.imaging.images import compute_overlap
+from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
 from zeroshop_steps.segment.cues import points as points_cue
 from zeroshop_steps.segment.cues import prompted
 from zeroshop_steps.segment.mask_hull import Solution
+from zeroshop_steps.segment.plane_sweep import WINDOW_PX, shrink, sweep
 from zeroshop_steps.segment.quality.mask_quality import MaskQuality
 from zeroshop_steps.segment.scene import MaskScene
 from zeroshop_steps.segment.support import find_clusters
@@ -33,6 +37,11 @@ LEAST_CLUSTER = 30  # points; fewer tell little about the masks
 AROUND, LINK, LIFTED, PART, FAR = 1.5, 0.12, 0.05, 0.3, 0.15
 """Shares of the object's size: points so near to its middle, so close to each other and so high above the ground may be its own; the
 share of a cluster in the hull that makes it the object's; and how far from the hull a point is not the object's."""
+
+SWEPT_VIEWS = 12  # that a plane is swept through, evenly spread: more tell the same
+SURE_CORRELATION, AHEAD, LEAST_TOLD = 0.8, 0.3, 0.01
+"""From which correlation on, and so far ahead of all other planes, a sweep tells where a pixel lies; and the share of the masks' pixels
+below which it tells little."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +59,8 @@ class Measures:
             0 without it.
         points_missed: of the sparse points that are connected with those of the object, the share outside its hull.
         points_contradicted: of the sparse points that masks show, the share that lies elsewhere in space or on the ground.
+        flat: of what a plane sweep tells within the masks, the share that lies on the ground or far away; 1 from as much on as right masks
+            cannot have.
         truncated: 1 where the hull reaches the end of the room in which it was searched for, so a part may lie beyond it.
         cut_off: how much of the photo's border the mask covers, of the square root of its area, in the median photo.
     """
@@ -62,6 +73,7 @@ class Measures:
     prompted_difference: float
     points_missed: float
     points_contradicted: float
+    flat: float
     truncated: float
     cut_off: float
 
@@ -75,6 +87,7 @@ REASONS = {
     "prompted_difference": "Segment Anything cuts something else out of the photos",
     "points_missed": "sparse points of the object lie outside the masks",
     "points_contradicted": "the masks show points of other things or of the ground",
+    "flat": "the masks show what lies flat on the ground, such as a sheet of paper below the object",
     "truncated": "the object goes on beyond where it was found",
     "cut_off": "the object is cut off at the border of most photos",
 }
@@ -108,6 +121,7 @@ def measure(scene: MaskScene, solution: Solution, qualities: Sequence[MaskQualit
         prompted_difference=_measure_prompted(scene, solution, masks),
         points_missed=_measure_missed(scene, solution),
         points_contradicted=_measure_contradicted(scene, solution, masks),
+        flat=_measure_flat(scene, solution, masks),
         truncated=float(truncated),
         cut_off=float(np.median([_measure_cut_off(mask, quality) for mask, quality in zip(masks, qualities, strict=True)])),
     )
@@ -160,6 +174,26 @@ def _measure_contradicted(scene: MaskScene, solution: Solution, masks: Sequence[
         shown += int(on_mask.sum())
         wrong += int((on_mask & elsewhere[rows_of_points][inside]).sum())
     return wrong / max(shown, LEAST_CLUSTER)
+
+
+def _measure_flat(scene: MaskScene, solution: Solution, masks: Sequence[np.ndarray]) -> float:
+    support, ground = solution.guess.support, points_cue.choose_ground(scene, solution.guess)
+    ground = ground or support
+    if ground is None:
+        return 0.0
+    ground = scene.place(ground) if support is None else replace(ground, focus=support.focus, distance=support.distance)
+    assert ground is not None, "a plane that is placed is one"
+    photos = map_in_threads(shrink, scene.images, scene.cameras)
+
+    def count(index: int) -> np.ndarray:
+        raised, elsewhere = sweep(photos, index, ground)
+        mask = cv2.resize(masks[index].astype(np.uint8), raised.shape[::-1], interpolation=cv2.INTER_NEAREST)
+        inner = cv2.erode(mask, np.ones((WINDOW_PX + 2,) * 2)) > 0
+        told = [inner & (one > SURE_CORRELATION) & (one - other > AHEAD) for one, other in ((elsewhere, raised), (raised, elsewhere))]
+        return np.array([part.sum() for part in (*told, inner)])
+
+    flat, up, shown = np.sum(map_in_threads(count, space_evenly(len(photos), SWEPT_VIEWS)), axis=0)
+    return min(float(flat / max(flat + up, LEAST_TOLD * shown, 1)) / (1 - RIGHT_OVERLAP), 1.0)
 
 
 def _find_outside(points: np.ndarray, solution: Solution) -> np.ndarray:
