@@ -105,6 +105,28 @@ def test_matches_are_verified_by_the_wide_lens(tmp_path):
         assert len(geometry.inlier_matches) > 0.8 * len(matched[pair_id])
 
 
+def test_a_photo_that_was_held_upright_has_the_same_lens(tmp_path):
+    path = tmp_path / "database.db"
+    write_database(path, WIDE_PHONE)
+    with pycolmap.Database.open(path) as opened:
+        opened.write_camera(pycolmap.Camera(model="SIMPLE_RADIAL", width=HEIGHT, height=WIDTH, params=[1200.0, 375.0, 500.0, 0.0]))
+        (upright,) = (camera for camera in opened.read_all_cameras() if camera.width == HEIGHT)
+        rig = pycolmap.Rig(rig_id=2)
+        rig.add_ref_sensor(upright.sensor_id)
+        opened.write_rig(rig, use_rig_id=True)
+        opened.write_image(pycolmap.Image(name="6.png", camera_id=upright.camera_id, image_id=6), use_image_id=True)
+        x, y = opened.read_keypoints(1)[:, :2].T
+        opened.write_keypoints(6, np.column_stack([y, WIDTH - x]).astype(np.float32))
+        opened.write_matches(2, 6, opened.read_matches(1, 2)[:, ::-1].astype(np.uint32))
+    found = find_wide_lenses(path, 0)
+    lying, standing = (found[number].camera for number in (1, upright.camera_id))
+    assert (standing.width, standing.height) == (HEIGHT, WIDTH) and standing.model == lying.model
+    assert np.allclose(standing.params[[1, 2]], [375, 500]) and np.allclose(standing.params[[0, 3, 4]], lying.params[[0, 3, 4]])
+    set_lenses(path, found, 0)
+    with pycolmap.Database.open(path) as opened:
+        assert len(opened.read_two_view_geometry(2, 6).inlier_matches) > 0.8 * len(opened.read_matches(2, 6))
+
+
 def test_an_ordinary_lens_stays_as_it_is(tmp_path):
     path = tmp_path / "database.db"
     write_database(path, PHONE)

@@ -90,6 +90,8 @@ Pair = tuple[np.ndarray, np.ndarray]
 def find_wide_lenses(database: Path, seed: int) -> dict[int, WideLens]:
     """{camera id: lens} of the lenses that the matches show to be wide; mostly none.
 
+    A camera that was held upright for a few photos has another lens there, which few matches tell of: then it is as in the others.
+
     Args:
         database: with matches of image pairs.
         seed: of RANSAC.
@@ -98,10 +100,11 @@ def find_wide_lenses(database: Path, seed: int) -> dict[int, WideLens]:
         cameras = {camera.camera_id: camera for camera in opened.read_all_cameras()}
         pairs = _read_pairs(opened, cameras)
     chosen = {camera_id: choose_distortion(matches, seed) for camera_id, matches in pairs.items() if matches}
+    like = {camera_id: camera_id if camera_id in chosen else _find_turned(camera, cameras, chosen) for camera_id, camera in cameras.items()}
     return {
-        camera_id: _make_lens(cameras[camera_id], distortion, pairs[camera_id], seed)
-        for camera_id, distortion in chosen.items()
-        if distortion.equidistant
+        camera_id: _make_lens(cameras[camera_id], chosen[known], pairs[known], seed)
+        for camera_id, known in like.items()
+        if known is not None and chosen[known].equidistant
     }
 
 
@@ -233,6 +236,12 @@ def _find_focal(distortion: Distortion, pairs: list[Pair], seed: int) -> float:
     costs = _find_costs(errors)
     best = int(np.argmin(costs))
     return shares[best] if costs[0] - costs[best] > _penalize(1, errors[best]) else distortion.parameter
+
+
+def _find_turned(camera: pycolmap.Camera, cameras: dict[int, pycolmap.Camera], known: Iterable[int]) -> int | None:
+    """Which of the known lenses has a camera's sides the other way round; None where none or several have."""
+    turned = [other for other in known if (cameras[other].height, cameras[other].width) == (camera.width, camera.height)]
+    return turned[0] if len(turned) == 1 else None
 
 
 def _read_pairs(opened: pycolmap.Database, cameras: dict[int, pycolmap.Camera]) -> dict[int, list[Pair]]:
