@@ -28,8 +28,8 @@ def is_enlarged(larger: PhotoPixels, smaller: PhotoPixels) -> bool:
         for left in np.linspace(0, width - side, WINDOWS)
     ]
     shown = np.concatenate([np.asarray(grey.crop((left, top, left + side, top + side))) for left, top in corners]).astype(np.float64)
-    scale = np.tile([small.width / width, small.height / height], 2)
-    boxes = [tuple((np.array([left, top, left + side, top + side]) * scale).tolist()) for left, top in corners]
+    across, down = small.width / width, small.height / height
+    boxes = [(left * across, top * down, (left + side) * across, (top + side) * down) for left, top in corners]
     enlarged = [np.concatenate([np.asarray(small.resize((side, side), how, box)) for box in boxes]).ravel() for how in INTERPOLATIONS]
     mixed = np.stack([*enlarged, np.ones(shown.size)], axis=1).astype(np.float64)
     forged = np.clip(mixed @ np.linalg.lstsq(mixed, shown.ravel(), rcond=None)[0], 0, 255).reshape(shown.shape)
