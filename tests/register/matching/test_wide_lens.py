@@ -12,7 +12,14 @@ from zeroshop_steps.register.da3.options import Da3Options
 from zeroshop_steps.register.da3.refinement import RoughScene, start_from_cameras
 from zeroshop_steps.register.matching.turntable import StationaryMatches
 from zeroshop_steps.register.matching.view_graph import ViewGraph
-from zeroshop_steps.register.matching.wide_lens import choose_distortion, find_wide_lenses, set_lenses
+from zeroshop_steps.register.matching.wide_lens import (
+    Distortion,
+    _find_focal,
+    _is_better,
+    choose_distortion,
+    find_wide_lenses,
+    set_lenses,
+)
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.record import Record, RegistrationFailed, TooFewRegistered
 
@@ -63,6 +70,21 @@ def test_the_model_is_chosen_by_likelihood(lens, is_wide):
         rows = match(seen, first, second)
         pairs.append(tuple((seen[one][rows[:, side]] - [WIDTH / 2, HEIGHT / 2]) / WIDTH for side, one in enumerate((first, second))))
     assert choose_distortion(pairs).equidistant == is_wide
+
+
+def test_a_gain_in_one_pair_alone_tells_no_lens():
+    """Such as where RANSAC failed with the other model."""
+    costs, errors = np.full(8, 100.0), np.zeros(800)
+    failed = costs + [300, 0, 0, 0, 0, 0, 0, 0]
+    assert _is_better(costs, costs + 10, 3, errors) and not _is_better(costs, failed, 3, errors)
+
+
+def test_the_focal_length_is_one_that_a_lens_can_have():
+    """Points near the middle alone leave it open; no lens bends more than an orthographic one."""
+    rng = np.random.default_rng(0)
+    pairs = [(places, places + [0.02, 0] + rng.normal(0, 0.003, (60, 2))) for places in rng.uniform(-0.1, 0.1, (8, 60, 2))]
+    for parameter in (0.25, 0.55):
+        assert _find_focal(Distortion(True, parameter), pairs, 0) <= np.sqrt(1.5) * parameter
 
 
 def write_database(path: Path, lens) -> None:
