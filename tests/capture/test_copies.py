@@ -13,6 +13,9 @@ from zeroshop_steps.runtime.files import read_json
 ORIGINAL = "IMG_0003.jpg"
 ENCODINGS = {
     "compressed.jpg": {"quality": 10},
+    "worst.jpg": {"quality": 3},
+    "enlarged.png": {"scale": 2.0},
+    "enlarged.jpg": {"scale": 1.5, "quality": 80},
     "whatsapp.jpeg": {"quality": 70, "scale": 0.25},
     "web.webp": {"quality": 60, "scale": 0.5},
     "grey.jpg": {"quality": 95, "mode": "L"},
@@ -21,9 +24,10 @@ ENCODINGS = {
 
 
 def draw_scene() -> np.ndarray:
-    """(480, 640, 3) uint8: patches and fine grain, which compression takes first."""
+    """(480, 640, 3) uint8: patches, faint to the right, and fine grain, which compression takes first."""
     rng = np.random.default_rng(5)
     patches = cv2.resize(rng.integers(50, 200, (12, 16, 3), dtype=np.uint8), (640, 480), interpolation=cv2.INTER_CUBIC)
+    patches = 125 + (patches - 125.0) * np.linspace(1, 0.1, 640)[:, None]
     return np.clip(patches + rng.integers(-12, 13, (480, 640, 1)), 0, 255).astype(np.uint8)
 
 
@@ -38,12 +42,22 @@ def test_the_best_encoding_stays(tmp_path, name, first, capsys):
     shoot, scene, name = Shoot(tmp_path, 9), draw_scene(), f"{'A' if first else 'Z'}_{name}"
     Image.fromarray(scene).save(shoot.image(3), quality=92)
     how = dict(ENCODINGS[name[2:]])
-    picture = Image.fromarray(scene).convert(how.pop("mode", "RGB"))
+    picture = Image.open(shoot.image(3)).convert(how.pop("mode", "RGB"))
     scale = how.pop("scale", 1.0)
     picture.resize((round(640 * scale), round(480 * scale)), Image.Resampling.LANCZOS).save(shoot.images / name, **how)
     names = take(shoot)
     assert ORIGINAL in names and name not in names
     assert f"copies of other photos: {name} (like {ORIGINAL})" in capsys.readouterr().err
+
+
+def test_a_reduced_copy_lacks_what_is_sharp_in_a_blurred_photo(tmp_path, capsys):
+    shoot, scene = Shoot(tmp_path, 9), draw_scene()
+    photo = cv2.GaussianBlur(scene, (0, 0), 6)
+    photo[200:280, 300:380] = scene[200:280, 300:380]
+    Image.fromarray(photo).save(shoot.image(3), quality=92)
+    Image.fromarray(photo).resize((320, 240), Image.Resampling.LANCZOS).save(shoot.images / "reduced.png")
+    assert ORIGINAL in take(shoot)
+    assert f"reduced.png (like {ORIGINAL})" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "png"])

@@ -190,6 +190,16 @@ def test_coordinates_without_an_image_and_images_without_faces_are_told(tmp_path
     assert "names 2 textures, but no texnumber says which faces have which; A.PNG is drawn on all" in capsys.readouterr().err
 
 
+def test_a_vertex_without_a_place_matters_where_a_face_uses_it(tmp_path: Path) -> None:
+    nowhere = [float("nan"), 0.0, 0.0]
+    mesh = read_ply(write(tmp_path, [*CORNERS, nowhere]))
+    assert np.ptp(mesh.vertices, axis=0).tolist() == [10, 20, 0]
+    with pytest.raises(StepError, match="places of vertices that faces use are not finite, the first of vertex 3;"):
+        read_ply(write(tmp_path, [*CORNERS[:3], nowhere]))
+    with pytest.raises(StepError, match="a face has vertex 7, but there are 4"):
+        read_ply(write(tmp_path, CORNERS, faces=[[[0, 1, 7]]]))
+
+
 def test_quality_of_other_programs_is_no_class_of_the_surface(tmp_path: Path) -> None:
     for values, known in (([0.0, 1.0, 0.5, 1.0], True), ([0.0, 17.0, -3.0, 2.0], False)):
         mesh = read_ply(write(tmp_path, [[*corner, value] for corner, value in zip(CORNERS, values, strict=True)], f"{XYZ},float quality"))

@@ -8,12 +8,16 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote
 
+import numpy as np
 import pytest
 
 from helpers.small_report import failed_cell, finished_cell, half_done_cell, made_gallery, made_page
+from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.viewpoints import look_at, make_intrinsics
 from zeroshop_steps.report.site.advice import advise_on_failure
 from zeroshop_steps.report.site.svg_plots import scatter
 from zeroshop_steps.runtime.files import read_json, write_json
+from zeroshop_steps.segment.objects import NothingFound, find_objects
 
 
 class Links(HTMLParser):
@@ -95,11 +99,10 @@ def test_cells_say_what_helps(report):
 @pytest.mark.parametrize(
     ("step", "reason", "help"),
     [
-        ("segment", "the object moved during the film: until a.jpg it stands elsewhere than from b.jpg on", "without touching it"),
         (
             "segment",
-            "no support plane: no plane holds 30; put the object on a flat surface; nothing stands there",
-            "leave one object alone",
+            "until a.jpg the photos show a thing elsewhere than from b.jpg on: the object moved, or another",
+            "without touching it",
         ),
         (
             "register",
@@ -116,6 +119,14 @@ def test_cells_say_what_helps(report):
 )
 def test_each_failure_has_its_advice(step, reason, help):
     assert help in advise_on_failure(step, reason)
+
+
+def test_where_no_object_was_found_no_masks_are_blamed():
+    cameras = [Camera("a.png", 32, 24, make_intrinsics(40, 32, 24), look_at(np.array([0.0, -5, 3]), np.zeros(3)))] * 8
+    with pytest.raises(NothingFound, match="no object was found .* a part of something larger, draw masks") as failure:
+        find_objects(cameras, None, np.zeros(3), 5.0, [np.full((24, 32), -3.0, np.float32)] * 8)
+    advice = advise_on_failure("segment.saliency", str(failure.value))
+    assert "leave one object alone" in advice and "needs your own masks" in advice
 
 
 def test_names_and_texts_of_users_are_shown_and_never_run(tmp_path, carton):

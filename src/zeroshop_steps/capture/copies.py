@@ -9,16 +9,19 @@ from typing import TypeVar
 import cv2
 import numpy as np
 
+from zeroshop_steps.capture.enlargements import is_enlarged
 from zeroshop_steps.capture.frame_quality import is_copy, make_thumbnail
-from zeroshop_steps.capture.photo_files import PhotoPixels, choose_suffix
+from zeroshop_steps.capture.photo_files import MAX_SIDE_PX, PhotoPixels, choose_suffix, read_photo
 
 DETAIL_PX, BLOCK_PX = (128, 96), 8  # (width, height) of the pictures that are compared, and of the blocks in which they are
 NOISE_LEVELS = 4.0  # of 255: blocks that vary less say nothing
 LEAST_CORRELATION = 0.5
 """In each block of two encodings of a photo: 0.74 and more of JPEG at a quality of 10 or reduced to a quarter (five captures of photos);
-neighbouring frames of two films have up to 0.45, but for one pair while the camera hardly moved, which has 0.9."""
+at 3 or 5 it has 0.52 and more by the noise that is expected. Neighbouring frames of two films have up to 0.45, but for pairs while the
+camera hardly moved, which have 0.9; neighbouring photos of five captures have up to 0.11, also compressed so."""
 OTHER_STEP, OTHER_PIXELS = 2.0, 1.1
 """So many times as coarse a quantization, or as many pixels, and a photo was not saved as the other was: cameras keep to theirs."""
+COMPARED_SIDE_PX = 2 * MAX_SIDE_PX  # at most, of two encodings of one photo: 85 MB
 COLOURED_LEVELS = 2.0  # of 255: a grey picture's channels differ by no more, in the mean, for JPEG rounds them
 T = TypeVar("T")
 
@@ -28,9 +31,10 @@ class Encoding:
     """How a photo was saved, and what tells whether another file shows the same.
 
     Attributes:
-        stem: of the file's name, without the case of its letters.
+        path: the file.
         stored_as: its format, as Pillow calls it.
         step: mean step of a JPEG's quantization, in levels; 0 for other formats.
+        noise: variance that the quantization leaves in `details`, in levels squared.
         pixels: their number.
         file_bytes: size of the file.
         lossless: whether nothing was lost in it.
@@ -39,15 +43,21 @@ class Encoding:
         details: (96, 128) uint8 grey picture.
     """
 
-    stem: str
+    path: Path
     stored_as: str
     step: float
+    noise: float
     pixels: int
     file_bytes: int
     lossless: bool
     coloured: bool
     thumbnail: np.ndarray
     details: np.ndarray
+
+    @property
+    def stem(self) -> str:
+        """The file's name, without its suffix and the case of its letters."""
+        return self.path.stem.casefold()
 
     @property
     def rank(self) -> tuple[bool, int, bool, int]:
@@ -65,16 +75,23 @@ class Encoding:
             return True
         if self.stem != other.stem and not self.differs_from(other):
             return False
-        return _correlate(self.details, other.details) >= LEAST_CORRELATION
+        return _correlate(self.details, other.details, self.noise + other.noise) >= LEAST_CORRELATION
+
+    def holds(self, other: "Encoding") -> bool:
+        """Whether another encoding of the photo is larger, but shows no more than this one."""
+        if self.coloured < other.coloured or other.pixels <= OTHER_PIXELS * self.pixels:
+            return False
+        return is_enlarged(*(read_photo(one.path, COMPARED_SIDE_PX) for one in (other, self)))
 
 
 def describe_encoding(path: Path, photo: PhotoPixels) -> Encoding:
     """How a photo was saved in a file that was just read."""
     small = cv2.resize(photo.pixels, DETAIL_PX, interpolation=cv2.INTER_AREA)
     return Encoding(
-        path.stem.casefold(),
+        path,
         photo.stored_as,
-        photo.step,
+        float(np.mean(photo.quantization or 0)),
+        _find_noise(photo),
         math.prod(photo.stored_px),
         path.stat().st_size,
         choose_suffix(path) == ".png",
@@ -99,14 +116,36 @@ def find_worse_copies(encodings: Sequence[Encoding]) -> dict[int, int]:
     groups: dict[int, list[int]] = {}
     for number, twin in find_twins(encodings, Encoding.shows_as).items():
         groups.setdefault(twin, [twin]).append(number)
-    best = [max(group, key=lambda number: encodings[number].rank) for group in groups.values()]
+    best = [_choose_best(group, encodings) for group in groups.values()]
     return {number: kept for kept, group in zip(best, groups.values(), strict=True) for number in group if number != kept}
 
 
-def _correlate(one: np.ndarray, other: np.ndarray) -> float:
-    """The least correlation of the blocks of two (96, 128) grey pictures; blocks without contrast count as alike."""
+def _choose_best(group: Sequence[int], encodings: Sequence[Encoding]) -> int:
+    """The number of the best encoding of one photo: none that a smaller one was enlarged to."""
+    ranked = sorted(group, key=lambda number: encodings[number].rank, reverse=True)
+    return next(best for best in ranked if not any(encodings[other].holds(encodings[best]) for other in group))
+
+
+def _find_noise(photo: PhotoPixels) -> float:
+    """Variance that a JPEG's quantization leaves in the small picture of its details, in levels squared.
+
+    A coefficient is off by up to half a step, evenly; the mean of several blocks, or of a part of one, keeps the coarse ones alone.
+    """
+    if not photo.quantization:
+        return 0.0
+    cell = max(photo.stored_px) / max(DETAIL_PX) / 8  # blocks that a pixel of the small picture covers, along its side
+    coarse = math.ceil(min(8.0, max(1.0, 1 / cell)))
+    steps = np.reshape(photo.quantization, (8, 8))[:coarse, :coarse].astype(np.float64)
+    return float((steps**2).sum() / 12 / 64 * min(1.0, 1 / cell**2))
+
+
+def _correlate(one: np.ndarray, other: np.ndarray, variance: float) -> float:
+    """The least correlation of the blocks of two (96, 128) grey pictures, whose noise has this variance besides the usual one.
+
+    Blocks without more contrast count as alike.
+    """
     first, second = (_split(picture) for picture in (one, other))
-    noise = NOISE_LEVELS**2
+    noise = NOISE_LEVELS**2 + variance
     common = (first * second).mean(1)
     spread = np.sqrt((first**2).mean(1) * (second**2).mean(1))
     return float(((common + noise) / (spread + noise)).min())

@@ -40,7 +40,7 @@ class PhotoPixels:
         stored_as: its format, as Pillow calls it.
         orientation: how it is stored, as EXIF counts (1 is upright).
         exif: its tags, without the orientation, for its size as it is used.
-        step: mean step of a JPEG's quantization, in levels; 0 for other formats.
+        quantization: the 64 steps of a JPEG's brightness, row by row, in levels; none for other formats.
     """
 
     pixels: np.ndarray
@@ -48,7 +48,7 @@ class PhotoPixels:
     stored_as: str
     orientation: int
     exif: Image.Exif
-    step: float
+    quantization: tuple[int, ...]
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -94,7 +94,7 @@ def read_photo(path: Path, max_side_px: int) -> PhotoPixels:
     """
     with open_picture(path) as image:
         stored_px, stored_as = image.size, str(image.format)
-        step = float(np.mean(next(iter(image.quantization.values()), [0]))) if isinstance(image, JpegImageFile) else 0.0
+        quantization = tuple(next(iter(image.quantization.values()), ())) if isinstance(image, JpegImageFile) else ()
         check_size(path, stored_px)
         if image.mode == "F":
             raise StepError(
@@ -107,7 +107,7 @@ def read_photo(path: Path, max_side_px: int) -> PhotoPixels:
         upright = ImageOps.exif_transpose(image)
         exif = upright.getexif()
         _scale_pixel_tags(exif, max(upright.size) / max(stored_px))
-        return PhotoPixels(_to_rgb(upright), stored_px, stored_as, orientation, exif, step)
+        return PhotoPixels(_to_rgb(upright), stored_px, stored_as, orientation, exif, quantization)
 
 
 @contextlib.contextmanager

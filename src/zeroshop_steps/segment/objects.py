@@ -146,8 +146,9 @@ def find_objects(
     names = [name for name in range(1, count + 1) if sizes[name] >= LEAST_VOXELS]
     if not names:
         raise NothingFound(
-            "no object was found where the cameras look: keep it in the middle of the photos, alone, on a ground of other colours, and"
-            " do not move it between the first photo and the last; or draw masks and name their folder in objects.tsv"
+            "no object was found where the cameras look: nothing there is told from what is around it in nearly all photos. Keep it in the"
+            " middle of the photos, alone, on a ground of other colours, and do not move it between the first photo and the last; or, as"
+            " for a part of something larger, draw masks and name their folder in objects.tsv"
         )
     ratings = {name: _rate(grid, labels == name, asked) for name in names}
     ranks = sorted(names, key=lambda name: -ratings[name])

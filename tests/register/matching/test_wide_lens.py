@@ -12,7 +12,14 @@ from zeroshop_steps.register.da3.options import Da3Options
 from zeroshop_steps.register.da3.refinement import RoughScene, start_from_cameras
 from zeroshop_steps.register.matching.turntable import StationaryMatches
 from zeroshop_steps.register.matching.view_graph import ViewGraph
-from zeroshop_steps.register.matching.wide_lens import choose_distortion, find_wide_lenses, set_lenses
+from zeroshop_steps.register.matching.wide_lens import (
+    Distortion,
+    _find_focal,
+    _is_better,
+    choose_distortion,
+    find_wide_lenses,
+    set_lenses,
+)
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.record import Record, RegistrationFailed, TooFewRegistered
 
@@ -65,6 +72,21 @@ def test_the_model_is_chosen_by_likelihood(lens, is_wide):
     assert choose_distortion(pairs).equidistant == is_wide
 
 
+def test_a_gain_in_one_pair_alone_tells_no_lens():
+    """Such as where RANSAC failed with the other model."""
+    costs, errors = np.full(8, 100.0), np.zeros(800)
+    failed = costs + [300, 0, 0, 0, 0, 0, 0, 0]
+    assert _is_better(costs, costs + 10, 3, errors) and not _is_better(costs, failed, 3, errors)
+
+
+def test_the_focal_length_is_one_that_a_lens_can_have():
+    """Points near the middle alone leave it open; no lens bends more than an orthographic one."""
+    rng = np.random.default_rng(0)
+    pairs = [(places, places + [0.02, 0] + rng.normal(0, 0.003, (60, 2))) for places in rng.uniform(-0.1, 0.1, (8, 60, 2))]
+    for parameter in (0.25, 0.55):
+        assert _find_focal(Distortion(True, parameter), pairs, 0) <= np.sqrt(1.5) * parameter
+
+
 def write_database(path: Path, lens) -> None:
     seen = photograph(lens)
     with pycolmap.Database.open(path) as opened:
@@ -103,6 +125,28 @@ def test_matches_are_verified_by_the_wide_lens(tmp_path):
     assert pairs.keys() == matched.keys()
     for pair_id, geometry in pairs.items():
         assert len(geometry.inlier_matches) > 0.8 * len(matched[pair_id])
+
+
+def test_a_photo_that_was_held_upright_has_the_same_lens(tmp_path):
+    path = tmp_path / "database.db"
+    write_database(path, WIDE_PHONE)
+    with pycolmap.Database.open(path) as opened:
+        opened.write_camera(pycolmap.Camera(model="SIMPLE_RADIAL", width=HEIGHT, height=WIDTH, params=[1200.0, 375.0, 500.0, 0.0]))
+        (upright,) = (camera for camera in opened.read_all_cameras() if camera.width == HEIGHT)
+        rig = pycolmap.Rig(rig_id=2)
+        rig.add_ref_sensor(upright.sensor_id)
+        opened.write_rig(rig, use_rig_id=True)
+        opened.write_image(pycolmap.Image(name="6.png", camera_id=upright.camera_id, image_id=6), use_image_id=True)
+        x, y = opened.read_keypoints(1)[:, :2].T
+        opened.write_keypoints(6, np.column_stack([y, WIDTH - x]).astype(np.float32))
+        opened.write_matches(2, 6, opened.read_matches(1, 2)[:, ::-1].astype(np.uint32))
+    found = find_wide_lenses(path, 0)
+    lying, standing = (found[number].camera for number in (1, upright.camera_id))
+    assert (standing.width, standing.height) == (HEIGHT, WIDTH) and standing.model == lying.model
+    assert np.allclose(standing.params[[1, 2]], [375, 500]) and np.allclose(standing.params[[0, 3, 4]], lying.params[[0, 3, 4]])
+    set_lenses(path, found, 0)
+    with pycolmap.Database.open(path) as opened:
+        assert len(opened.read_two_view_geometry(2, 6).inlier_matches) > 0.8 * len(opened.read_matches(2, 6))
 
 
 def test_an_ordinary_lens_stays_as_it_is(tmp_path):

@@ -51,10 +51,16 @@ def read_ply(path: Path) -> Mesh:
                 else " Export it again."
             )
         )
-    if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        odd = int(faces.min() if faces.min() < 0 else faces.max())
+        raise StepError(f"mesh {path} is damaged: a face has vertex {odd}, but there are {len(vertices)}, from 0 on; export it again")
+    lost = ~np.isfinite(vertices).all(1)
+    if lost[faces].any():
+        first = int(faces[lost[faces]].min())
         raise StepError(
-            f"mesh {path} is damaged: it has vertices that are not finite, or faces with vertices out of range; export it again"
+            f"mesh {path} is damaged: places of vertices that faces use are not finite, the first of vertex {first}; export it again"
         )
+    vertices[lost] = vertices[faces[0, 0]]  # no face uses them
     quality = vertex.columns.get("quality")
     # Other programs call any scalar quality.
     known = quality is not None and len(quality) and quality.min() >= 0 and quality.max() <= 1

@@ -8,7 +8,8 @@ are known. Points are moved to where a pinhole would see them, by one parameter 
 - equidistant: r_d = f atan(r_u / f), the ideal fisheye (Kannala and Brandt 2006), COLMAP's fisheyes without coefficients.
 
 With as many parameters, the larger likelihood decides; what fisheyes have more of them counts by the Bayesian information criterion
-(Schwarz 1978). Radii are shares of the longer side of the image. An ordinary lens is told by two fits to a part of the matches.
+(Schwarz 1978), and must without the pair that gains most, for RANSAC may fail on one. Radii are shares of the longer side of the image.
+An ordinary lens is told by two fits to a part of the matches.
 """
 
 from collections.abc import Iterable
@@ -32,6 +33,8 @@ RADIAL = (-0.8, -0.6, -0.45, -0.3, -0.2, -0.1)
 EQUIDISTANT = (0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.7, 0.85)
 SCREENED = 1.0  # an equidistant lens that shows 57 degrees along the longer side: wide lenses show more, and bend more
 FOCAL_SHARES = tuple(np.geomspace(0.25, 2.0, 13))  # focal lengths that are tried with the distortion that was found
+MOST_FOCAL_SHARE = float(np.sqrt(1.5))
+"""Of the focal length of the ideal lens that bends as much: of an orthographic lens, r = f sin(angle), and none bends more."""
 PAIRS, MATCHES, LEAST_MATCHES = 8, 300, 50  # of a lens that are looked at, those with the most matches, and so many of each
 MOST_SIGMA = 4.0  # an outlier counts as an error of so many standard deviations
 LEAST_SIGMA = 0.00025  # of features; of the longer side: no better ones were seen
@@ -90,6 +93,8 @@ Pair = tuple[np.ndarray, np.ndarray]
 def find_wide_lenses(database: Path, seed: int) -> dict[int, WideLens]:
     """{camera id: lens} of the lenses that the matches show to be wide; mostly none.
 
+    A camera that was held upright for a few photos has another lens there, which few matches tell of: then it is as in the others.
+
     Args:
         database: with matches of image pairs.
         seed: of RANSAC.
@@ -98,10 +103,11 @@ def find_wide_lenses(database: Path, seed: int) -> dict[int, WideLens]:
         cameras = {camera.camera_id: camera for camera in opened.read_all_cameras()}
         pairs = _read_pairs(opened, cameras)
     chosen = {camera_id: choose_distortion(matches, seed) for camera_id, matches in pairs.items() if matches}
+    like = {camera_id: camera_id if camera_id in chosen else _find_turned(camera, cameras, chosen) for camera_id, camera in cameras.items()}
     return {
-        camera_id: _make_lens(cameras[camera_id], distortion, pairs[camera_id], seed)
-        for camera_id, distortion in chosen.items()
-        if distortion.equidistant
+        camera_id: _make_lens(cameras[camera_id], chosen[known], pairs[known], seed)
+        for camera_id, known in like.items()
+        if known is not None and chosen[known].equidistant
     }
 
 
@@ -109,15 +115,15 @@ def choose_distortion(pairs: list[Pair], seed: int = 0) -> Distortion:
     """The model and parameter that explain the matches best; an undistorted radial one where a wide lens explains them worse."""
     tried = [Distortion(False, 0.0), Distortion(True, SCREENED)]
     errors = [_measure_errors(pairs, one, None, seed) for one in tried]
-    plain, wide = _find_costs(errors)
-    if plain <= wide:
+    plain, wide = _find_costs(errors, pairs)
+    if plain.sum() <= wide.sum():
         return tried[0]
     tried += [Distortion(False, k) for k in RADIAL] + [Distortion(True, f) for f in EQUIDISTANT]
     errors += [_measure_errors(pairs, one, None, seed) for one in tried[len(errors) :]]
-    costs = _find_costs(errors)
-    best = int(np.argmin(costs))
-    radial = min(cost for one, cost in zip(tried, costs, strict=True) if not one.equidistant)
-    return tried[best] if radial - costs[best] > _penalize(MODELS[-1][2] - 1, errors[best]) else tried[0]
+    costs = _find_costs(errors, pairs)
+    best = int(np.argmin(costs.sum(1)))
+    radial = min((cost for one, cost in zip(tried, costs, strict=True) if not one.equidistant), key=np.sum)
+    return tried[best] if _is_better(costs[best], radial, MODELS[-1][2] - 1, errors[best]) else tried[0]
 
 
 def set_lenses(database: Path, lenses: dict[int, WideLens], seed: int) -> None:
@@ -156,15 +162,17 @@ def _find_usable(lenses: list[WideLens | None], first: np.ndarray, second: np.nd
     return usable
 
 
-def _find_costs(errors: list[np.ndarray]) -> list[float]:
-    """The negative logarithm of the likelihood of each of several (M,) errors: a Gaussian with outliers, of one width for all."""
+def _find_costs(errors: list[np.ndarray], pairs: list[Pair]) -> np.ndarray:
+    """(T, P) negative logarithms of the likelihood of T (M,) errors in each pair: a Gaussian with outliers, of one width for all."""
     sigma = max(LEAST_SIGMA, min(float(np.median(one)) for one in errors) / 0.6745)
-    return [float(np.minimum((one / sigma) ** 2, MOST_SIGMA**2).sum() / 2) for one in errors]
+    starts = np.cumsum([0, *(len(first) for first, _ in pairs)])[:-1]
+    return np.array([np.add.reduceat(np.minimum((one / sigma) ** 2, MOST_SIGMA**2) / 2, starts) for one in errors])
 
 
-def _penalize(parameters: int, errors: np.ndarray) -> float:
-    """By how much so many more parameters must raise the logarithm of the likelihood of (M,) errors (BIC)."""
-    return float(parameters / 2 * np.log(len(errors)))
+def _is_better(costs: np.ndarray, others: np.ndarray, parameters: int, errors: np.ndarray) -> bool:
+    """Whether (P,) costs are lower than others by what so many more parameters must gain (BIC), whichever pair is left out."""
+    gains = others - costs
+    return bool(gains.sum() - gains.max() > parameters / 2 * np.log(len(errors)))
 
 
 def _measure_errors(pairs: Iterable[Pair], distortion: Distortion, focal: float | None, seed: int) -> np.ndarray:
@@ -228,11 +236,17 @@ def _find_focal(distortion: Distortion, pairs: list[Pair], seed: int) -> float:
 
     Pairs that see a plane leave much open: that of the ideal lens stays where no other one is better by what one more parameter gains.
     """
-    shares = (distortion.parameter, *FOCAL_SHARES)
+    shares = [distortion.parameter, *(share for share in FOCAL_SHARES if share <= MOST_FOCAL_SHARE * distortion.parameter)]
     errors = [_measure_errors(pairs, distortion, share, seed) for share in shares]
-    costs = _find_costs(errors)
-    best = int(np.argmin(costs))
-    return shares[best] if costs[0] - costs[best] > _penalize(1, errors[best]) else distortion.parameter
+    costs = _find_costs(errors, pairs)
+    best = int(np.argmin(costs.sum(1)))
+    return shares[best] if _is_better(costs[best], costs[0], 1, errors[best]) else distortion.parameter
+
+
+def _find_turned(camera: pycolmap.Camera, cameras: dict[int, pycolmap.Camera], known: Iterable[int]) -> int | None:
+    """Which of the known lenses has a camera's sides the other way round; None where none or several have."""
+    turned = [other for other in known if (cameras[other].height, cameras[other].width) == (camera.width, camera.height)]
+    return turned[0] if len(turned) == 1 else None
 
 
 def _read_pairs(opened: pycolmap.Database, cameras: dict[int, pycolmap.Camera]) -> dict[int, list[Pair]]:

@@ -46,9 +46,10 @@ BY_FAILURE = (
     ("register", "no matches", "The network matched no pictures: take more and sharper photos with more overlap, or register by colmap."),
     ("register", "network found no camera", "The photos are too different from those that the network knows: register by colmap."),
     ("register", "", "No reliable cameras were found: take sharper pictures with more overlap, on a ground with more texture."),
-    ("segment", "moved during", "The object was moved while it was filmed: film it again without touching it or the ground."),
-    ("segment", "stand", "The object was not found: leave one object alone on the ground, in the middle of the photos, in other colours "
-     "than the ground."),
+    ("segment", "the object moved", "The object was moved while it was filmed, or another thing stands out more: film it again alone, "
+     "without touching it or the ground."),
+    ("segment", "no object was found", "The object was not found: leave one object alone on the ground, in the middle of the photos, in "
+     "other colours than the ground. A part of something larger needs your own masks."),
     ("segment", "", "The masks are not good enough: put the object alone on a ground of other colours, or provide your own masks."),
     ("height", "board", "The printed board could not be used: show all of it, flat and larger, in more photos from all around."),
     ("height", "", "The height was not found: give it in the objects table as height_m, in metres."),
