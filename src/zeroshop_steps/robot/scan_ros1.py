@@ -1,6 +1,6 @@
 """Record a scan by ROS 1, and say where to look next: services ~record and ~next_view (std_srvs/Trigger), topic ~viewpoint.
 
-They do what those of `scan_ros2` do. Needs ROS 1 and a running roscore.
+They do what those of `scan_ros2` do. Needs ROS 1 with std_srvs, and a running roscore.
 """
 
 import argparse
@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Serve until ROS shuts down."""
     scan = make_node(args)
-    provide_ros()
+    provide_ros("std_srvs")
     require_master()
     import rospy
 
