@@ -68,6 +68,9 @@ def test_depth_of_both_passes_measures_the_surface(passes, tmp_path) -> None:
     for depth, truth in zip(given.depths, truths, strict=True):
         small = truth[::3, ::3]
         assert (depth > 0).sum() > 0.5 * (small > 0).sum() and np.abs(depth - small)[depth > 0].max() < 0.1
+    bare = replace(model, seen=(*seen[:10], *[np.zeros(0, int)] * 10))
+    plain = read_given_depth(find(tmp_path, registered), "structured_light", registered, bare, sphere, views, hull)
+    assert plain is not None and all(depth.any() for depth in plain.depths), "a plain second pass shows no sparse points"
     later = read_given_depth(find(tmp_path, registered, (2,)), "structured_light", registered, model, sphere, views, hull)
     assert later is not None and not any(depth.any() for depth in later.depths[:10]) and all(depth.any() for depth in later.depths[10:])
 

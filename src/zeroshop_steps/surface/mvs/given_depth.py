@@ -142,7 +142,7 @@ def _look_up(noise: NoiseModel, depth_mm: np.ndarray, pixels: np.ndarray, side: 
     steps = np.arange(-reach, reach + 1)
     x = np.clip(np.floor(pixels[:, 0]).astype(int)[:, None, None] + steps, 0, width - 1)
     y = np.clip(np.floor(pixels[:, 1]).astype(int)[:, None, None] + steps[:, None], 0, height - 1)
-    values = depth_mm[y, x].reshape(len(pixels), -1)
+    values = depth_mm[y, x].reshape(len(pixels), len(steps) ** 2)
     values = np.sort(np.where(values > 0, values, np.inf), axis=1)
     count = np.isfinite(values).sum(axis=1)
     known = 2 * count > values.shape[1]
