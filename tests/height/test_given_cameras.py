@@ -7,6 +7,7 @@ from helpers.given import given_cameras
 from zeroshop_steps.capture.cameras_json import GivenCamera, GivenCameras
 from zeroshop_steps.geometry.cameras.registered_views import read_views
 from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
+from zeroshop_steps.height.record import Scale, compare_with_depth
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
 
@@ -88,3 +89,12 @@ def test_a_capture_without_cameras_is_refused(measure):
 
 def test_a_height_in_another_unit_contradicts(measure):
     assert "another unit than metres" in measure(height_m=0.9)
+
+
+def test_depth_in_another_unit_than_the_cameras_is_told(tmp_path):
+    scale, stereo = Scale("given_cameras", 1.0, 0.001, {}), tmp_path / "seeds.npz"
+    assert compare_with_depth(scale, stereo) is None
+    for mm_per_unit, said in ((1000.0, None), (1010.0, None), (10_000.0, "10 times as large as by given_cameras"), (100.0, "0.1 times")):
+        write_json(tmp_path / "stereo.json", {"given_depth": {"mm_per_unit": mm_per_unit}})
+        line = compare_with_depth(scale, stereo)
+        assert (line is None) == (said is None) and (said or "") in (line or "")

@@ -109,6 +109,8 @@ def record(
     model: str = "plumb_bob",
     info: bool = True,
     tf_late_ns: int = 0,
+    tf_nan: bool = False,
+    depth_late_ns: int = 5_000_000,
     depth_frame: str = OPTICAL,
     infrared: bool = False,
 ) -> None:
@@ -119,6 +121,8 @@ def record(
         distortion, model: of the camera's message.
         info: whether the camera's message is recorded.
         tf_late_ns: of tf's clock.
+        tf_nan: whether the hand's place is lost.
+        depth_late_ns: of the depth camera.
         depth_frame: of the depth camera.
         infrared: whether grey pictures of twice the size are recorded, too.
     """
@@ -127,6 +131,7 @@ def record(
         for number, camera in enumerate(cameras):
             time_ns = START_NS + number * STEP_NS
             hand = np.linalg.inv(camera.camera_from_world) @ np.linalg.inv(HAND_FROM_CAMERA)
+            hand[:3, 3] += np.nan if tf_nan else 0.0
             for part in (-1, 0, 1):  # at rest while a picture is taken
                 bag.write_transform("/tf", "base", "hand", hand, time_ns + part * STEP_NS // 10 + tf_late_ns)
             bag.write_image(f"{COLOR}/image_raw", pictures[camera.name], "rgb8", time_ns)
@@ -138,4 +143,4 @@ def record(
                 bag.write_camera("/camera/infra1/camera_info", large, (), "", time_ns)
             if depths_mm is not None:
                 steps = depths_mm[camera.name].astype("<u2")
-                bag.write_image(f"{DEPTH}/image_raw", steps, "16UC1", time_ns + 5_000_000, depth_frame)
+                bag.write_image(f"{DEPTH}/image_raw", steps, "16UC1", time_ns + depth_late_ns, depth_frame)

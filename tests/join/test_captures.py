@@ -3,6 +3,8 @@
 import numpy as np
 
 from helpers.carton_scene import camera_at
+from helpers.given import given_cameras
+from zeroshop_steps.capture.cameras_json import read_given_cameras
 from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model, write_cameras
 from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.runtime.cli import stage_main
@@ -37,3 +39,13 @@ def test_films_of_two_passes_have_their_true_cameras_in_the_frame_of_the_first(t
     assert np.allclose(cameras["2_000001.png"].centre_in_world, below)
     record = read_json(tmp_path / "joined/capture.json")
     assert record["images_of_passes"] == [2, 2] and "source_frames" not in record
+
+
+def test_the_cameras_that_the_first_pass_brought_stay_with_it(tmp_path):
+    cameras = [camera_at(f"{index:06d}.png", 90.0 * index, 30.0) for index in range(2)]
+    for number in "12":
+        write_film(tmp_path / number, [0, 1])
+        given_cameras(cameras).write(tmp_path / number / "capture/cameras.json")
+    words = ["--captures", *(str(tmp_path / number / "capture") for number in "12"), "--scene", "joined", "--out", str(tmp_path / "both")]
+    assert stage_main("zeroshop_steps.join", ["--method", "captures", *words]) == 0
+    assert list(read_given_cameras(tmp_path / "both/cameras.json").poses) == ["1_000000.png", "1_000001.png"]

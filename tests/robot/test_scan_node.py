@@ -14,10 +14,11 @@ from zeroshop_steps.capture.adapters.tf_tree import TransformTree
 from zeroshop_steps.capture.cameras_json import read_given_cameras
 from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at
 from zeroshop_steps.robot import scan_node
+from zeroshop_steps.robot.ros1 import scan_services
+from zeroshop_steps.robot.ros1.environment import provide_ros
 from zeroshop_steps.robot.ros2.messages import blank
 from zeroshop_steps.robot.ros2.scan_services import start_scan, write_pose_stamped
-from zeroshop_steps.robot.scan_node import ScanNode
-from zeroshop_steps.robot.scan_ros2 import make_node
+from zeroshop_steps.robot.scan_node import ScanNode, make_node
 from zeroshop_steps.ros.image_messages import write_image
 from zeroshop_steps.runtime.errors import StepError
 
@@ -298,3 +299,57 @@ def test_without_ros2_the_remedy_is_said(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "zeroshop_steps.robot", "--method", "scan_ros2", *words, "--out", str(tmp_path / "scan")]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert ended.returncode == 1 and "rclpy" in ended.stderr and "setup.bash" in ended.stderr
+
+
+def test_services_and_topics_of_ros1(node: ScanNode, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same answers by rospy, whose times have other names."""
+    heard, served, sent, warned = {}, {}, [], []
+    contents = {
+        "rospy": {
+            "Publisher": lambda topic, kind, queue_size, latch: SimpleNamespace(publish=sent.append),
+            "Subscriber": lambda topic, kind, take, queue_size: heard.update({topic: (kind, take)}),
+            "Service": lambda name, kind, serve: served.update({name: serve}),
+            "logwarn": warned.append,
+            "Time": SimpleNamespace(now=lambda: blank("builtin_interfaces/msg/Time")),
+        },
+        "geometry_msgs": {},
+        "geometry_msgs.msg": {"PoseStamped": lambda: blank("geometry_msgs/msg/PoseStamped")},
+        "sensor_msgs": {},
+        "sensor_msgs.msg": {"CameraInfo": "CameraInfo", "Image": "Image"},
+        "std_srvs": {},
+        "std_srvs.srv": {"Trigger": "Trigger", "TriggerResponse": SimpleNamespace},
+    }
+    for name, members in contents.items():
+        module = ModuleType(name)
+        vars(module).update(members)
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setattr(scan_services, "find_transforms", lambda: "TFMessage")
+    scan_services.start_scan(node)
+    assert set(served) == {"~record", "~next_view"} and {"/tf", "/tf_static"} < set(heard)
+    answer = served["~record"](None)
+    assert not answer.success and warned == [answer.message] and "no image has come" in answer.message
+
+    def rename(message):
+        time = message.header.stamp
+        message.header.stamp = SimpleNamespace(secs=time.sec, nsecs=time.nanosec)
+        return message
+
+    for time_s in np.arange(9.0, 10.25, 0.05):
+        flange = BASE_LINK_FROM_BASE @ view(180) @ np.linalg.inv(FLANGE_FROM_CAMERA)
+        message = transforms("base_link", "flange", flange, float(time_s))
+        rename(message.transforms[0])
+        heard["/tf"][1](message)
+    heard["/camera/color/image_raw"][1](rename(photo(10.0)))
+    heard["/camera/aligned_depth_to_color/image_raw"][1](rename(depth(10.0)))
+    assert served["~record"](None).success and served["~next_view"](None).success
+    (message,) = sent
+    assert message.header.frame_id == BASE and message.pose.position.x > 0.6
+
+
+def test_transforms_are_known_without_their_package() -> None:
+    """ROS compares digests of definitions before it connects."""
+    try:
+        provide_ros()
+    except StepError:
+        pytest.skip("ROS 1 is not installed")
+    assert scan_services.find_transforms()._md5sum == "94810edda583a504dfda3829e70d7eec"

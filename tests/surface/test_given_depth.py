@@ -127,7 +127,7 @@ def read_ball(tmp_path):
         model = SparseModel(
             tuple(view.camera for view in views), shown, np.zeros((3000, 3), np.uint8), np.full(3000, 3), tuple(seen)
         )  # fmt: skip
-        folder = DepthFolder.find(tmp_path / "depth", registered, tmp_path, tmp_path / "capture", step_mm)
+        folder = DepthFolder.find({1: tmp_path / "depth"}, registered, tmp_path, tmp_path / "capture", step_mm)
         return read_given_depth(folder, kind, registered, model, ObjectSphere(np.zeros(3), 1.0), views, hull)
 
     return read, truths

@@ -34,6 +34,12 @@ class Capture:
     scene_of: str = ""
     number: str = ""
     cameras: str = ""
+    masks_2: str = ""
+    masks_3: str = ""
+    depth_2: str = ""
+    depth_3: str = ""
+    cameras_2: str = ""
+    cameras_3: str = ""
 
 
 COLUMNS = ["dataset", *(field.name for field in fields(Capture))]

@@ -82,23 +82,36 @@ class Request:
         """The row of the table of objects."""
         paths = [require_source(path) for path in self.sources]
         name = make_name(Path(self.name)) if self.name else make_name(paths[0])
-        first = find_source(paths[0], self.into.resolve(), name)
-        sources = [first.images, *paths[1:]]
-        if first.poses and len(paths) > 1:
-            raise StepError(f"{paths[0]} brings its cameras, which go with one capture only; give one capture, or the photos alone")
-        own_masks = first.masks or _find_own_masks(sources)
-        own_height = "" if self.height_m is not None else first.height_method
+        # No object has a name with a point, so that of a later pass is free.
+        names = [name, *(f"{name}.{number}" for number in range(2, len(paths) + 1))]
+        sources = [find_source(path, self.into.resolve(), own) for path, own in zip(paths, names, strict=True)]
+        with_poses = [source.poses for source in sources]
+        if any(with_poses) and not all(with_poses):
+            raise StepError(
+                f"{paths[with_poses.index(True)]} brings the poses of its cameras, and {paths[with_poses.index(False)]} does not; give"
+                " captures that all bring them, or the photos alone"
+            )
+        own_height = "" if self.height_m is not None else sources[0].height_method
+        ends = ["", *(f"_{number}" for number in range(2, len(paths) + 1))]
+        parts = {
+            f"{column}{end}": value
+            for end, source in zip(ends, sources, strict=True)
+            for column, value in {
+                "images": str(source.images),
+                "masks": source.masks or _find_own_masks(source.images),
+                "depth": source.depth,
+                "cameras": source.cameras,
+            }.items()
+        }
+        if self.masks:
+            parts["masks"] = str(self.masks.resolve())
         return Capture(
             object=name,
-            images=str(sources[0]),
-            **{f"images_{number}": str(path) for number, path in enumerate(sources[1:], start=2)},
             height_m=f"{self.height_m:g}" if self.height_m is not None else "",
             height_method="marker" if self.board else "known" if self.height_m is not None else own_height,
             marker_images=str(self.board_photos.resolve()) if self.board_photos else "",
-            masks=str(self.masks.resolve()) if self.masks else own_masks,
             picture_count=str(self.count or ""),
-            depth=first.depth,
-            cameras=first.cameras if len(paths) == 1 else "",
+            **parts,
         )
 
 
@@ -241,17 +254,17 @@ def require_source(path: Path) -> Path:
     return path.resolve()
 
 
-def _find_own_masks(sources: list[Path]) -> str:
+def _find_own_masks(photos: Path) -> str:
     """The folder of the photos as that of their masks, where their background was removed, or masks lie among them."""
     from zeroshop_steps.capture.mask_names import split_masks
     from zeroshop_steps.capture.photo_files import is_cut_out, list_photos
 
-    if len(sources) > 1 or not sources[0].is_dir():
+    if not photos.is_dir():
         return ""
-    if masks := split_masks(list_photos(sources[0])[0])[1]:
+    if masks := split_masks(list_photos(photos)[0])[1]:
         print(f"Masks lie among the photos and are taken, such as {masks[0].name}", file=sys.stderr)
-    elif is_cut_out(sources[0]):
+    elif is_cut_out(photos):
         print("The background of the photos is transparent: what is left of them is taken as masks", file=sys.stderr)
     else:
         return ""
-    return str(sources[0])
+    return str(photos)

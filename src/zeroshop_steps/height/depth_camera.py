@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> None:
     diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
 
     def measure(registered: RegisteredObject) -> Scale:
-        depth = DepthFolder.find(args.depth, registered.views, registered.cameras, registered.capture, args.step_mm)
+        depth = DepthFolder.find({1: args.depth}, registered.views, registered.cameras, registered.capture, args.step_mm)
         return measure_scale(registered, MeshRenderer(mesh), diagonal, depth)
 
     write_height(args, "depth_camera", measure, "the depth images have another unit (height.depth_camera.step_mm)")
@@ -83,5 +83,5 @@ def measure_scale(registered: RegisteredObject, renderer: MeshRenderer, diagonal
     if len(ratios) < MIN_IMAGES:
         raise StepError(f"{folder}: only {len(ratios)} depth images have measured depth on the object, {MIN_IMAGES} are needed")
     scale_mm, spread, share = depth.agree(ratios, off)
-    evidence = {"depth_images": len(ratios), "spread": round(spread, 5), "off_share": round(share, 5), "step_mm": depth.step_mm}
+    evidence = {"depth_images": len(ratios), "spread": round(spread, 5), "off_share": round(share, 5), "step_mm": depth.steps_mm[1]}
     return Scale("depth_camera", scale_mm / 1000.0, spread / np.sqrt(len(ratios)), evidence)

@@ -16,7 +16,7 @@ from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.height.object_pose import ObjectPose, measure_object_pose
 from zeroshop_steps.runtime.errors import StepError, warn
-from zeroshop_steps.runtime.files import write_json
+from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.segment.record import read_mask_record
 
 UNKNOWN = (
@@ -96,6 +96,8 @@ def write_height(
     scale = measure(registered)
     if scale and else_wrong:
         check_against_known_height(scale, registered, else_wrong)
+    if scale and args.stereo and (line := compare_with_depth(scale, args.stereo)):
+        warn(line)
     content = {
         "method": method,
         **describe_height(pose, scale),
@@ -133,6 +135,19 @@ def check_against_known_height(scale: Scale, registered: RegisteredObject, else_
             f"by {scale.source} the object is {measured_m:.4f} m high, by its known height {registered.known_height_m:.4f} m: {else_wrong},"
             " or height_m is wrong"
         )
+
+
+def compare_with_depth(scale: Scale, stereo: Path) -> str | None:
+    """A warning where depth images that came with the photos put the size of a unit elsewhere; None where they agree, or there are none."""
+    record = stereo.with_name("stereo.json")
+    given = read_json(record).get("given_depth") if record.is_file() else None
+    ratio = given["mm_per_unit"] / (1000.0 * scale.metres_per_unit) if given and given.get("mm_per_unit") else 1.0
+    if abs(ratio - 1.0) <= CONTRADICTION:
+        return None
+    return (
+        f"by the depth images all is {ratio:.3g} times as large as by {scale.source}, which counts: one of them has another unit (cameras"
+        " in metres, depth_step_mm)"
+    )
 
 
 def describe_height(pose: ObjectPose, scale: Scale | None) -> dict[str, Any]:

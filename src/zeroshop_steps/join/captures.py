@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from zeroshop_steps.capture.cameras_json import FILE, read_given_cameras
 from zeroshop_steps.geometry.cameras.pinhole import Camera, read_sparse_model, write_cameras
 from zeroshop_steps.geometry.cameras.transforms import transform_camera
 from zeroshop_steps.geometry.imaging.images import list_images
@@ -22,6 +23,8 @@ from zeroshop_steps.synthetic.film_truth import read_true_cameras as film_camera
 
 CACHED = Cached(inputs=("captures", "turned", "film_truths"))
 PICTURES = ("images", "masks")
+SOURCES = ("source_names", "source_frames")
+"""Entries of capture.json that say what the pictures of a pass were: names of photos, or frames of a film."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,11 +52,13 @@ def run(args: argparse.Namespace) -> None:
             if any(true):
                 moved = [put_into_first_pass(*one, number) for number, one in enumerate(zip(true, turned, strict=True), start=1)]
                 write_cameras(folder / part / "truth", sorted(itertools.chain(*moved), key=lambda camera: camera.name))
+        copy_given_cameras(args.captures[0], folder)
         images = [
             record.get("images", len(list_images(capture / "images"))) for record, capture in zip(records, args.captures, strict=True)
         ]
-        records[0].pop("source_frames", None)  # of a film: they are those of the first pass alone
-        write_json(folder / "capture.json", records[0] | {"scene": args.scene, "images": sum(images), "images_of_passes": images})
+        sources = [{name: record.pop(name) for name in SOURCES if name in record} for record in records]
+        joined = {"scene": args.scene, "images": sum(images), "images_of_passes": images, "sources_of_passes": sources}
+        write_json(folder / "capture.json", records[0] | joined)
 
 
 def copy_pictures(captures: list[Path], out: Path) -> None:
@@ -64,6 +69,13 @@ def copy_pictures(captures: list[Path], out: Path) -> None:
             for number, capture in enumerate(captures, start=1):
                 for path in list_images(capture / kind):
                     shutil.copyfile(path, out / kind / make_joint_name(number, path.name))
+
+
+def copy_given_cameras(first: Path, out: Path) -> None:
+    """The cameras that came with the first pass, under their joint names: they tell the unit of all, whose frame is its own."""
+    if (first / FILE).is_file():
+        given = read_given_cameras(first / FILE)
+        replace(given, images={make_joint_name(1, name): camera for name, camera in given.images.items()}).write(out / FILE)
 
 
 def read_true_cameras(capture: Path, film_truth: Path | None) -> Sequence[Camera]:

@@ -8,6 +8,7 @@ other way is as good, or if its shape is the same in all. Otherwise nothing is j
 import argparse
 import functools
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,7 @@ from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.register.aliked import Prepare
 from zeroshop_steps.register.features.sift import SiftOptions
 from zeroshop_steps.register.scene.image_set import ImageSet
-from zeroshop_steps.register.scene.record import describe_model, read_registration
+from zeroshop_steps.register.scene.record import describe_model, find_lens, read_registration
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.failures import Failure, read_failure
@@ -73,9 +74,18 @@ def run(args: argparse.Namespace) -> None:
     passes = [first, *(one for one in later if one not in repeated)]
     with atomic_directory(args.out) as folder:
         figures = join(passes, folder, SiftOptions(threads=args.threads, seed=args.seed), left_out, prepare)
-        write_json(folder / "registration.json", records[0] | figures | {"images": sum(record["images"] for record in records)})
+        lenses = join_lenses({one.number: record for one, record in zip([first, *later], records, strict=True)}, [first, *later])
+        write_json(folder / "registration.json", records[0] | figures | {"images": sum(record["images"] for record in records)} | lenses)
     for line in figures["warnings"]:
         warn(line)
+
+
+def join_lenses(records: Mapping[int, Mapping[str, Any]], passes: Sequence[Pass]) -> dict[str, Any]:
+    """The lenses that the photos of all passes had before they were undistorted, as registration.json has them."""
+    lenses = {
+        Path(name).stem: find_lens(records[one.number], path.stem) for one in passes for name, path in sorted(one.images.items())
+    }  # fmt: skip
+    return {"lens": None, "lenses": {stem: lens for stem, lens in lenses.items() if lens}}
 
 
 def join(

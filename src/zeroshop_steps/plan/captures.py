@@ -3,16 +3,15 @@
 import functools
 import math
 import shlex
-import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 from zeroshop_steps import methods
-from zeroshop_steps.geometry.imaging.image_files import is_text
-from zeroshop_steps.plan.datasets import Datasets, InputFunction, Wildcards, require_known
+from zeroshop_steps.plan.datasets import Datasets, InputFunction, Place, Wildcards, require_known
+from zeroshop_steps.plan.user_files import has_plain_name, list_visible, require_past
 from zeroshop_steps.runtime.config_files import Row
-from zeroshop_steps.runtime.errors import StepError, remedy_for
+from zeroshop_steps.runtime.errors import StepError
 
 VIRTUAL_SCENES = ["su_l", "su_h", "se"]
 BOARD_SCENE = "su_b"
@@ -21,42 +20,13 @@ TURNED_SCENE, JOINED_SCENE = "su_h_2", "su_f"
 """The second pass of an object, turned over on a textured ground, and both passes joined; in no table of meshes."""
 WHOLE_SCENE, OBJECT_SCENE = PHOTO_SCENES = ["video", "video_segmented"]
 """Photos as they are, and registered by what lies inside the masks alone."""
-LATER_PASSES = {"video_2": "images_2", "video_3": "images_3"}
-"""The scenes of later passes, for which the object was turned over, and the columns that name their pictures."""
+LATER_PASSES = {"video_2": "_2", "video_3": "_3"}
+"""The scenes of later passes, for which the object was turned over, and how their columns end."""
+PASS_COLUMNS = ("images", "masks", "cameras", "depth")
+"""What each pass may have of its own."""
 JOINED_PHOTOS = "video_joined"
 MOST_SHARE = 1.5
 """Of a row's picture_count: frames in all, with those between two that share too little."""
-CLOCK_TOLERANCE_S = 5
-"""Clocks of file servers differ by a second or two; a capture takes longer."""
-
-
-def has_plain_name(path: Path) -> bool:
-    """Whether Snakemake can name a file: it takes braces for wildcards, and fails at names that are not UTF-8."""
-    return is_text(str(path)) and not set("{}") & set(str(path))
-
-
-def list_visible(folder: Path) -> list[Path]:
-    """The files in one of the user's folders, without hidden ones."""
-    try:
-        return [path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")]
-    except OSError as error:
-        raise StepError(f"the folder {folder} cannot be read: {error.strerror}. {remedy_for(error)}") from None
-
-
-def require_past(files: Iterable[Path], words: str) -> None:
-    """Raise StepError where a file was changed in the future: Snakemake would discard what is made from it as older.
-
-    Args:
-        files: those to look at.
-        words: by which a shell names all of them.
-    """
-    ahead = [path for path in files if path.stat().st_mtime > time.time() + CLOCK_TOLERANCE_S]
-    if ahead:
-        changed = time.strftime("%Y-%m-%d %H:%M", time.localtime(ahead[0].stat().st_mtime))
-        raise StepError(
-            f"{len(ahead)} of the user's files are from the future, such as {ahead[0]} ({changed}): the clock of this machine or of the"
-            f" camera is wrong. Set it right, or give the files the present time: touch {words}"
-        )
 
 
 @functools.cache
@@ -85,14 +55,22 @@ class Captures(Datasets):
         return f"{self.config['objects_table']}: {wildcards.dataset} {wildcards.object}"
 
     def row(self, wildcards: Wildcards) -> Row:
-        """The table row of the user's own capture; for rendered films, a row that is made up."""
+        """The table row of the user's own capture, or one made up for rendered films; in the scene of a later pass with what that has."""
         self.check_object(wildcards)
-        if not self.is_filmed(wildcards.dataset):
-            return self.photos[wildcards.dataset, wildcards.object]
+        filmed = self.is_filmed(wildcards.dataset)
+        row = self._film_row(wildcards) if filmed else self.photos[wildcards.dataset, wildcards.object]
+        end = self.pass_end(wildcards)
+        return {**row, **{column: row.get(column + end, "") for column in PASS_COLUMNS}} if end else row
+
+    def pass_end(self, wildcards: Wildcards) -> str:
+        """How the columns of the pass end whose scene the path names."""
+        return LATER_PASSES.get(getattr(wildcards, "scene", ""), "")
+
+    def _film_row(self, wildcards: Wildcards) -> Row:
         folder = f"{self.object.format(**wildcards)}/film"
         described = self.dataset(wildcards.dataset)
         scene = "" if described["board"] == "beside" else f"{folder}/empty_scene"
-        row: Row = dict.fromkeys(("masks", "prompt", "depth", "cameras", "scene_of", *LATER_PASSES.values()), "")
+        row: Row = dict.fromkeys(("masks", "prompt", "depth", "cameras", "scene_of", "images_2", "images_3"), "")
         row |= {"height_m": None, "picture_count": None, "images": f"{folder}/film.mp4", "height_method": "marker", "marker_images": scene}
         if scene and described.get("table", "print") != "print":
             row |= {"height_method": "", "marker_images": ""}  # nothing tells where photos of an empty plain table lie: unknown scale
@@ -101,15 +79,21 @@ class Captures(Datasets):
         return row
 
     def later_passes(self, wildcards: Wildcards) -> list[str]:
-        """The scenes of an object's later passes, in their order; none where it has one pass."""
+        """The scenes of an object's later passes, in their order; none where it has one pass.
+
+        Raises:
+            StepError: a pass has something, but no pictures.
+        """
         row = self.row(wildcards)
-        scenes = [scene for scene, column in LATER_PASSES.items() if row[column]]
-        for column, instead in (("masks", "found"), ("cameras", "estimated")):
-            if scenes and row[column]:
-                raise StepError(
-                    f"{self.row_name(wildcards)}: {column} of several passes cannot be given; leave the {column} empty, they are {instead}"
-                )
-        return scenes
+        for end in LATER_PASSES.values():
+            alone = [column + end for column in PASS_COLUMNS if row.get(column + end) and not row[f"images{end}"]]
+            if alone:
+                raise StepError(f"{self.row_name(wildcards)}: {alone[0]} belongs to the pictures in images{end}, which is empty; name them")
+        return [scene for scene, end in LATER_PASSES.items() if row[f"images{end}"]]
+
+    def place_in(self, scene: str, wildcards: Wildcards) -> Place:
+        """The same place in another scene of the object."""
+        return Place(**{**wildcards, "scene": scene})
 
     def scene_owner(self, wildcards: Wildcards) -> str:
         """The object whose photos show this one, too; empty where it has photos of its own."""
@@ -129,10 +113,6 @@ class Captures(Datasets):
         """Objects in photos of other ones."""
         return [name for (_, name), row in self.photos.items() if row["scene_of"]]
 
-    def images_column(self, wildcards: Wildcards) -> str:
-        """The column of the table that names the pictures of a scene."""
-        return LATER_PASSES.get(wildcards.scene, "images")
-
     def find(self, wildcards: Wildcards, column: str) -> str:
         """The folder or video in a column of the table, as seen from the working directory.
 
@@ -142,24 +122,24 @@ class Captures(Datasets):
         row = self.row(wildcards)
         if self.is_filmed(wildcards.dataset):
             return row[column]
-        path = self.relative(row[column])
+        path, name = self.relative(row[column]), column + (self.pass_end(wildcards) if column in PASS_COLUMNS else "")
         if not has_plain_name(path):
             shown = row[column].encode(errors="backslashreplace").decode()
             raise StepError(
-                f"{self.row_name(wildcards)}: the path of its {column}, {shown}, holds braces or is not UTF-8; rename the"
+                f"{self.row_name(wildcards)}: the path of its {name}, {shown}, holds braces or is not UTF-8; rename the"
                 " folder or the video with plain letters and digits"
             )
-        pictures = column.startswith("images")
+        pictures = column == "images"
         if row[column] and (path.is_dir() or (path.is_file() and (pictures or column == "cameras"))):
             return str(path)
         raise StepError(
-            f"{self.row_name(wildcards)}: the {'video or ' if pictures else ''}folder of its {column}, {row[column]}, does not exist."
+            f"{self.row_name(wildcards)}: the {'video or ' if pictures else ''}folder of its {name}, {row[column]}, does not exist."
             " Relative paths start at the folder of the workflow; correct the path."
         )
 
     def images(self, wildcards: Wildcards) -> str:
         """The folder or video of a pass."""
-        return self.find(wildcards, self.images_column(wildcards))
+        return self.find(wildcards, "images")
 
     def list_filmed(self, names: Iterable[str]) -> list[str]:
         """Those of these objects of `photos` whose pictures are there, and those of the empty scene, if their row names some."""
@@ -170,7 +150,7 @@ class Captures(Datasets):
         """An input function: the files that a column of the table names, if it does, so that a changed photo reruns what depends on it."""
 
         def found(wildcards: Wildcards) -> list[str]:
-            if not self.row(wildcards)[column] and not column.startswith("images"):
+            if not self.row(wildcards)[column] and column != "images":
                 return []
             place = Path(self.find(wildcards, column))
             if self.is_filmed(wildcards.dataset):
@@ -183,7 +163,7 @@ class Captures(Datasets):
 
     def image_files(self, wildcards: Wildcards) -> list[str]:
         """The files of a pass."""
-        return self.files(self.images_column(wildcards))(wildcards)
+        return self.files("images")(wildcards)
 
     def odd_names(self, wildcards: Wildcards) -> list[str]:
         """Photos whose names Snakemake cannot take as inputs, with size and time: a parameter, so that changes are noticed."""
@@ -272,10 +252,13 @@ class Captures(Datasets):
         """
         if self.is_virtual(wildcards.dataset):
             return self.config["chosen"]["virtual"]
-        chosen = self.config["chosen"]["photos"]
-        if self.brings_poses(wildcards):
-            return {"scene": WHOLE_SCENE, "registration": str(methods.BY_GIVEN_CAMERAS)}
-        joined = chosen["scene"] == WHOLE_SCENE and self.later_passes(wildcards)
+        chosen, later = self.config["chosen"]["photos"], self.later_passes(wildcards)
+        brings = [self.brings_poses(self.place_in(scene, wildcards)) for scene in (WHOLE_SCENE, *later)]
+        if any(brings):
+            if not all(brings):
+                raise StepError(f"{self.row_name(wildcards)}: not every pass brings the poses of its cameras; give those of all, or none")
+            chosen = {"scene": WHOLE_SCENE, "registration": str(methods.BY_GIVEN_CAMERAS)}
+        joined = chosen["scene"] == WHOLE_SCENE and later
         return {**chosen, "scene": JOINED_PHOTOS} if joined else chosen
 
     def rendered_model(self, wildcards: Wildcards) -> str:

@@ -8,9 +8,9 @@ from typing import Any
 
 from zeroshop_steps import methods
 from zeroshop_steps.methods import Method
-from zeroshop_steps.plan.captures import OBJECT_SCENE, WHOLE_SCENE
+from zeroshop_steps.plan.captures import JOINED_PHOTOS, LATER_PASSES, OBJECT_SCENE
 from zeroshop_steps.plan.choices import Choices
-from zeroshop_steps.plan.datasets import InputFunction, Options, Wildcards, require_known
+from zeroshop_steps.plan.datasets import InputFunction, Options, Place, Wildcards, require_known
 
 NAMED_AFTER = "The folder is named after the method."
 
@@ -44,13 +44,22 @@ class Surfaces(Choices):
         options = self.section("nvs", method.name)
         return options.get(method.options[step], {}) if method.options else options
 
-    def depth_files(self, wildcards: Wildcards) -> list[str]:
-        """The depth images that measure the surface of a capture, if it has any.
+    def depth_places(self, wildcards: Wildcards) -> dict[str, Place]:
+        """The passes with depth images that measure the surface of a capture, by the option of stereo that names their folder.
 
-        They are aligned with the photos of one pass as these were taken, not with photos that were undistorted to find the masks.
+        They are aligned with the photos as these were taken, not with photos that were undistorted to find the masks.
         """
-        alike = wildcards.scene == WHOLE_SCENE or (wildcards.scene == OBJECT_SCENE and not self.masks(wildcards).in_scene)
-        return self.files("depth")(wildcards) if alike and not self.is_virtual(wildcards.dataset) else []
+        undistorted = wildcards.scene == OBJECT_SCENE and self.masks(wildcards).in_scene
+        if self.is_virtual(wildcards.dataset) or undistorted:
+            return {}
+        scenes = self.passes(wildcards) if wildcards.scene == JOINED_PHOTOS else [wildcards.scene]
+        options = ("depth", *(f"depth{end}" for end in LATER_PASSES.values()))
+        places = dict(zip(options, (self.place_in(scene, wildcards) for scene in scenes), strict=False))
+        return {option: place for option, place in places.items() if self.row(place)["depth"]}
+
+    def depth_files(self, wildcards: Wildcards) -> list[str]:
+        """The depth images of these passes."""
+        return [file for place in self.depth_places(wildcards).values() for file in self.files("depth")(place)]
 
     def depth_capture(self, wildcards: Wildcards) -> list[str]:
         """The capture, which says what its photos were called, where it has depth images."""
@@ -61,8 +70,8 @@ class Surfaces(Choices):
         options = {**self.config["stereo"], "seed": self.config["seed"]}
         camera, step_mm = options.pop("depth_camera"), self.config["height"]["depth_camera"]["step_mm"]
         for capture in self.depth_capture(wildcards):
-            folder = shlex.quote(self.find(wildcards, "depth"))
-            options |= {"depth_camera": camera, "depth_step_mm": step_mm, "depth": folder, "capture": capture}
+            folders = {option: shlex.quote(self.find(place, "depth")) for option, place in self.depth_places(wildcards).items()}
+            options |= {"depth_camera": camera, "depth_step_mm": step_mm, **folders, "capture": capture}
         return self.options(options)
 
     def training_options(self, method: Method) -> Callable[[Wildcards], str]:

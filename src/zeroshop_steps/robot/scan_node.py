@@ -3,14 +3,17 @@
 Poses are of the colour camera's optical frame in a base frame, by tf at the stamp of the image.
 """
 
+import argparse
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.capture.adapters.ros_bag import read_camera_message
 from zeroshop_steps.capture.adapters.tf_tree import TransformTree
@@ -19,9 +22,11 @@ from zeroshop_steps.ros.bags import MOST_APART_NS, RECTIFIED, stamp_of
 from zeroshop_steps.ros.image_messages import read_color, read_depth
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.scan.reach import Reach
-from zeroshop_steps.scan.recorder import REST_S
+from zeroshop_steps.scan.recorder import REST_S, ScanRecorder
 from zeroshop_steps.scan.session import Scan
+from zeroshop_steps.scan.setup import add_setup_arguments, make_reach, make_scan, make_surface
 
+NODE = "zeroshop_scan"
 KEPT_IMAGES = 10  # of each topic: a third of a second, in which partners and transforms come
 KEPT_NS = 10_000_000_000  # of tf
 FORGET_EVERY = 500  # messages of tf
@@ -142,7 +147,7 @@ class ScanNode:
     def _choose_images(self) -> tuple[Any, Any]:
         """The newest image, and the depth of its time."""
         if not self._images:
-            raise StepError(f"no image has come on {self.topics['image']}; check the topic: ros2 topic hz {self.topics['image']}")
+            raise StepError(f"no image has come on {self.topics['image']}; check the topic with `topic hz`")
         came_s, newest = self._images[-1]
         if time.monotonic() - came_s > STALE_S:
             raise StepError(
@@ -201,3 +206,39 @@ class ScanNode:
 
     def _knows(self, frame: str) -> bool:
         return bool(self._tree.find_chain(frame)) or self._tree.is_parent(frame)
+
+
+def add_scan_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of a node, for ROS 1 and ROS 2."""
+    parser.add_argument("--image-topic", required=True, help="sensor_msgs/Image of colour")
+    parser.add_argument("--camera-info-topic", required=True, help="of the same camera")
+    parser.add_argument("--depth-topic", help="sensor_msgs/Image of depth, aligned to colour")
+    parser.add_argument("--base-frame", default="base", help="tf's frame that --box is in; of UR arms, `base` (default: %(default)s)")
+    parser.add_argument("--position-deviation", type=float, help="how exact the poses are, metres (default: not known)")
+    parser.add_argument("--rotation-deviation", type=float, help="the same, degrees")
+    add_setup_arguments(parser)
+    parser.add_argument("--out", type=Path, required=True, help="capture folder to write")
+
+
+def make_node(args: argparse.Namespace) -> ScanNode:
+    """The node without ROS. Raises StepError for options that contradict, and for a folder that is another capture."""
+    if bool(args.depth_topic) == args.without_depth:
+        raise StepError("give either --depth-topic, or --without-depth: then views are planned by the box alone")
+    make_surface(args)  # so that options out of range are told of now
+    recorder = ScanRecorder(args.out, f"tf of {args.base_frame}", args.position_deviation, args.rotation_deviation)
+
+    def scan_with(lens: Lens) -> Scan:
+        return make_scan(args, recorder, lens)
+
+    topics = {"image": args.image_topic, "info": args.camera_info_topic, "depth": args.depth_topic or ""}
+    return ScanNode(scan_with, make_reach(args), args.base_frame, topics)
+
+
+def write_pose_stamped(make: Any, base_from_camera: np.ndarray, frame: str) -> Any:
+    """A geometry_msgs/PoseStamped of a camera's optical frame; its stamp is left as it is."""
+    message = make()
+    message.header.frame_id = frame
+    place, turn = message.pose.position, message.pose.orientation
+    place.x, place.y, place.z = base_from_camera[:3, 3].tolist()
+    turn.x, turn.y, turn.z, turn.w = Rotation.from_matrix(base_from_camera[:3, :3]).as_quat().tolist()
+    return message

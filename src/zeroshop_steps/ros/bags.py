@@ -17,5 +17,7 @@ def require_rosbags() -> None:
 
 
 def stamp_of(message: Any) -> int:
-    """When a message's image was taken, in ns."""
-    return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
+    """When a message's image was taken, in ns; rospy calls the parts of a time otherwise than ROS 2 and rosbags do."""
+    stamp = message.header.stamp
+    parts = (stamp.sec, stamp.nanosec) if hasattr(stamp, "sec") else (stamp.secs, stamp.nsecs)
+    return int(parts[0]) * 10**9 + int(parts[1])

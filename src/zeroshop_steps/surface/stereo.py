@@ -22,6 +22,8 @@ if TYPE_CHECKING:  # they import torch and OpenCV, which takes longer than to pl
     from zeroshop_steps.surface.mvs.given_depth import GivenDepth
     from zeroshop_steps.surface.rendering.training_views import CameraSet, TrainingView
 
+LATER_PASSES = (2, 3)
+"""Numbers of the passes for which an object was turned over."""
 CACHED = Cached(
     inputs=(
         "cameras/images",
@@ -30,6 +32,10 @@ CACHED = Cached(
         "cameras/sparse",
         "depth",
         "depth/../cameras.json",
+        "depth_2",
+        "depth_2/../cameras.json",
+        "depth_3",
+        "depth_3/../cameras.json",
         "capture/capture.json",
     ),
     ignored=("threads",),
@@ -44,6 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=os.cpu_count())
     parser.add_argument("--depth", type=Path, help="folder of depth images that came with the photos, named like them but .png")
+    for number in LATER_PASSES:
+        parser.add_argument(f"--depth-{number}", type=Path, help=f"that of pass {number}")
     parser.add_argument(
         "--depth-step-mm", type=float, default=1.0, help="millimetres a step, unless cameras.json beside the folder says it"
     )
@@ -67,7 +75,9 @@ def run(args: argparse.Namespace) -> None:
     views = make_seed_views(camera_set, sphere)
     grid = [make_grid_view(view) for view in views]
     hull = carve_hull(grid)
-    given = _read_depth(args, camera_set, sphere, views, hull) if args.depth else None
+    folders = {number: getattr(args, f"depth_{number}") for number in LATER_PASSES}
+    folders = {number: folder for number, folder in {1: args.depth, **folders}.items() if folder}
+    given = _read_depth(args, folders, camera_set, sphere, views, hull) if folders else None
     seeds, joined = find_seeds(views, hull, args.seed, device, given)
     write_seeds(args.out / "seeds.npz", seeds, sphere)
     write_json(
@@ -87,7 +97,12 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _read_depth(
-    args: argparse.Namespace, camera_set: "CameraSet", sphere: "ObjectSphere", views: "list[TrainingView]", hull: "VisualHull"
+    args: argparse.Namespace,
+    folders: dict[int, Path],
+    camera_set: "CameraSet",
+    sphere: "ObjectSphere",
+    views: "list[TrainingView]",
+    hull: "VisualHull",
 ) -> "GivenDepth | None":
     """The depth images of the capture. Raises StepError where they are none, or not aligned."""
     from zeroshop_steps.geometry.cameras.registered_views import read_views
@@ -97,5 +112,5 @@ def _read_depth(
     if args.capture is None:
         raise StepError("--depth needs --capture, whose capture.json has the photos' names")
     registered, _ = read_views(args.cameras)
-    folder = DepthFolder.find(args.depth, registered, args.cameras, args.capture, args.depth_step_mm)
+    folder = DepthFolder.find(folders, registered, args.cameras, args.capture, args.depth_step_mm)
     return read_given_depth(folder, args.depth_camera, registered, camera_set.model, sphere, views, hull)

@@ -195,6 +195,10 @@ def of_transforms(folder: Path, change) -> None:
         ),
         (lambda content: [row.__setitem__(0, -row[0]) for row in content["frames"][1]["transform_matrix"][:3]], "left-handed"),
         (lambda content: content.update(w=120, h=160), "turned or cropped"),
+        (lambda content: content.update(depth_unit_scale_factor="mm"), "depth_unit_scale_factor is 'mm'; expected metres"),
+        (lambda content: content.update(depth_unit_scale_factor=None), "depth_unit_scale_factor is None; expected metres"),
+        (lambda content: content.pop("depth_unit_scale_factor"), "things 0.4 mm away in the median, at 1 mm a step"),
+        (lambda content: content.update(depth_unit_scale_factor=1000.0), "things 4e.05 mm away in the median"),
     ],
 )
 def test_a_bad_transforms_json_is_refused_in_words(change, said, tmp_path):
@@ -235,6 +239,16 @@ def test_lines_of_middlebury_with_missing_numbers_or_images_are_named(tmp_path):
     (tmp_path / "temple_par.txt").write_text(f"1\n{NAMES[0]} 1 2 3\n")
     with pytest.raises(StepError, match="3 numbers; expected 21"):
         import_capture(tmp_path, tmp_path.with_name("ours"), ImportOptions())
+
+
+def test_a_matrix_of_images_of_another_size_is_told(tmp_path, capsys):
+    write_foundationpose(tmp_path / "000005")
+    import_capture(tmp_path / "000005", tmp_path / "ours", ImportOptions())
+    assert "centre of a lens" not in capsys.readouterr().err
+    path = tmp_path / "000005/cam_K.txt"
+    np.savetxt(path, np.loadtxt(path) * [[2], [2], [1]])
+    import_capture(tmp_path / "000005", tmp_path / "ours", ImportOptions())
+    assert "lies at (160, 120) in images of 160 x 120 px: if they were not cropped" in capsys.readouterr().err
 
 
 def test_a_model_that_colmap_distorted_keeps_its_lens(tmp_path):
@@ -288,8 +302,12 @@ def test_the_command_writes_the_common_form_and_a_mesh_is_asked_of_it(tmp_path, 
     assert (row.object, row.images, row.cameras) == ("mug", str(tmp_path / "mug/images"), str(tmp_path / "mug/cameras.json"))
     assert row.masks == str(tmp_path / "mug/masks") and row.height_method == "" and row.depth == str(tmp_path / "mug/depth")
     assert read_given_cameras(tmp_path / "mug/cameras.json").position_deviation_m == 0.001
-    with pytest.raises(StepError, match="brings its cameras, which go with one capture only"):
+    with pytest.raises(StepError, match="mug brings the poses of its cameras, and .*images does not; give captures that all bring them"):
         Request([tmp_path / "mug", tmp_path / "theirs/images"], into=tmp_path).capture()
+    row = Request([tmp_path / "mug", tmp_path / "theirs"], into=tmp_path).capture()
+    second = tmp_path / "results/imported/mug.2"
+    assert (row.images, row.images_2, row.cameras_2) == (str(tmp_path / "mug/images"), f"{second}/images", f"{second}/cameras.json")
+    assert (row.masks_2, row.depth_2) == (f"{second}/masks", f"{second}/depth")
     assert main(["import", str(tmp_path / "theirs/masks"), "--out", str(tmp_path / "other")]) == 1
     assert "nothing that can be imported" in capsys.readouterr().err
 

@@ -129,6 +129,8 @@ def test_distortion_becomes_colmaps_lens(distortion, model, lens, tmp_path):
     [
         ({"info": False}, "no colour images with a sensor_msgs/CameraInfo on camera_info beside them; colour images: /camera/color"),
         ({"tf_late_ns": 7_200 * 10**9}, "two clocks"),
+        ({"tf_late_ns": 400_000_000}, "at the times of 1 of 3 images: two clocks"),
+        ({"tf_nan": True}, "3 of 3 poses hold NaN"),
         ({"distortion": (0.1, 0, 0, 0, 0, 0, 0, 0, 0.2, 0, 0, 0), "model": "rational_polynomial"}, "which COLMAP's lenses lack"),
     ],
 )
@@ -169,3 +171,12 @@ def test_a_camera_that_tf_does_not_move_is_estimated(tmp_path, capsys):
     record(tmp_path / "arm.bag", 1, still, PICTURES)
     source = find_source(tmp_path / "arm.bag", tmp_path, "arm")
     assert not source.poses and "does not move in tf" in capsys.readouterr().err
+
+
+def test_clocks_that_differ_a_little_are_told(tmp_path, capsys):
+    """Of tf, whose last second is missing, and of the depth camera, whose images then belong to no picture."""
+    record(tmp_path / "arm", 2, CAMERAS, PICTURES, DEPTHS_MM, tf_late_ns=-400_000_000, depth_late_ns=60_000_000)
+    import_capture(tmp_path / "arm", tmp_path / "ours", ImportOptions())
+    said = capsys.readouterr().err
+    assert "tf knows the camera at the times of 8 of 10 images" in said and "only 0 of 10 images have depth" in said
+    assert len(read_given_cameras(tmp_path / "ours/cameras.json").poses) == 8 and not (tmp_path / "ours/depth").exists()

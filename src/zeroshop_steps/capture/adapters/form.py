@@ -24,6 +24,9 @@ UNITS_M = {"m": 1.0, "mm": 0.001, "unknown": None}
 """Metres of the units that poses may have."""
 AS_THEY_ARE = {"JPEG": ".jpg", "PNG": ".png"}
 MOST_NAMED = 5
+NEAREST_MM, FARTHEST_MM = 20.0, 30_000.0
+"""Of what a depth camera sees in the median: no object stands nearer to one, and no room is deeper."""
+OFF_CENTRE = 0.2  # of the image's sides; cameras are built to have the lens's centre in the middle
 EXIF_ORIENTATION = 274
 
 
@@ -151,7 +154,7 @@ def write_common_form(
     """
     if not found.frames:
         raise StepError(f"{found.source} has no images; expected at least one")
-    names = _choose_names([frame.image for frame in found.frames])
+    names, medians_mm = _choose_names([frame.image for frame in found.frames]), []
     for line in found.warnings:
         warn(line)
     with found.unpacked or nullcontext(), atomic_directory(out) as folder:
@@ -163,8 +166,13 @@ def write_common_form(
                 (folder / "masks").mkdir(exist_ok=True)
                 shutil.copyfile(frame.mask, folder / "masks" / f"{name}{frame.mask.suffix}")
             if frame.depth is not None:
-                steps = np.round(read_depth_mm(frame) / DEPTH_STEP_MM)
+                depth_mm = read_depth_mm(frame)
+                if (depth_mm > 0).any():
+                    medians_mm.append(float(np.median(depth_mm[depth_mm > 0])))
+                steps = np.round(depth_mm / DEPTH_STEP_MM)
                 write_image(folder / "depth" / f"{name}.png", np.where(steps < 2**16, steps, 0).astype(np.uint16))
+        _check_depth_unit(medians_mm, found)
+        _tell_odd_lenses(list(cameras.values()), found)
         lost = [
             frame.image.name
             for frame in found.frames
@@ -180,6 +188,29 @@ def write_common_form(
         deviations = (position_deviation_m, rotation_deviation_deg) if found.metres else (None, rotation_deviation_deg)
         step_mm = DEPTH_STEP_MM if any(frame.depth for frame in found.frames) else None
         GivenCameras(cameras, found.source, found.metres is not None, *deviations, step_mm).write(folder / FILE)
+
+
+def _check_depth_unit(medians_mm: Sequence[float], found: ImportedCapture) -> None:
+    """Raise StepError where depth is no distance of a depth camera: it has another unit than its format says."""
+    if medians_mm and not NEAREST_MM <= (median_mm := float(np.median(medians_mm))) <= FARTHEST_MM:
+        step_mm = next(frame.depth_step_mm for frame in found.frames if frame.depth)
+        raise StepError(
+            f"{found.source}: depth shows things {median_mm:.3g} mm away in the median, at {step_mm:g} mm a step: it has another unit than"
+            " its format says, such as metres for millimetres; export it in that unit"
+        )
+
+
+def _tell_odd_lenses(cameras: Sequence[GivenCamera], found: ImportedCapture) -> None:
+    """Warn where a lens's centre is far from the middle of its images: the matrix was calibrated for images of another size."""
+    for lens in dict.fromkeys(camera.lens for camera in cameras):
+        model = lens.to_colmap()
+        centre = np.array([model.principal_point_x, model.principal_point_y])
+        if (np.abs(centre / (lens.width_px, lens.height_px) - 0.5) > OFF_CENTRE).any():
+            warn(
+                f"{found.source}: the centre of a lens lies at ({centre[0]:.0f}, {centre[1]:.0f}) in images of {lens.width_px} x"
+                f" {lens.height_px} px: if they were not cropped, its matrix is of images of another size; calibrate anew, or scale it"
+            )
+            return
 
 
 def read_depth_mm(frame: GivenFrame) -> np.ndarray:

@@ -67,7 +67,14 @@ def _read_frame(folder: Path, path: Path, entry: dict[str, Any], image: Path) ->
     pose = OPENCV_FROM_OPENGL @ np.linalg.inv(world_from_camera) if finite else np.full((4, 4), np.nan)
     places = {key: resolve_inside(folder, entry[key], path) for key in ("mask_path", "depth_file_path") if isinstance(entry.get(key), str)}
     require_files(list(places.values()), path)
-    step_mm = 1000.0 * float(entry.get("depth_unit_scale_factor", DEPTH_SCALE))
+    try:
+        step_mm = 1000.0 * float(entry.get("depth_unit_scale_factor", DEPTH_SCALE))
+    except (TypeError, ValueError):
+        step_mm = 0.0
+    if not (math.isfinite(step_mm) and step_mm > 0):
+        raise StepError(
+            f"{path}: depth_unit_scale_factor is {entry['depth_unit_scale_factor']!r}; expected metres of a step of depth, such as 0.001"
+        )
     return GivenFrame(image, _read_lens(path, entry, image), pose, places.get("mask_path"), places.get("depth_file_path"), step_mm)
 
 

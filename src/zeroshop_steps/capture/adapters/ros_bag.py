@@ -28,6 +28,7 @@ IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 INFO, TRANSFORMS = "sensor_msgs/msg/CameraInfo", ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 FIXED = "tf_static"
 PLUGINS = ("/compressed", "/compressedDepth")  # ends of the topics of image_transport
+LEAST_KNOWN = 0.5  # share of the images at whose times tf must know the camera
 STILL_M, STILL_TURN = 0.001, 0.001  # a camera that moves and turns by no more, in matrix entries, stands still
 
 
@@ -154,7 +155,12 @@ def _read(recording: Recording, path: Path, options: ImportOptions) -> ImportedC
     chosen = bridge_gaps(images, choose_frames(scan, FRAMES), scan.find_between, MOST_FRAMES)
     poses = _find_poses(tree, color, stamps_ns, path, said)
     unpacked = tempfile.TemporaryDirectory(prefix="zeroshop_bag_")
-    folder, depths = Path(unpacked.name), _match_depth(recording, depth, [stamps_ns[number] for number in chosen])
+    folder, depths = Path(unpacked.name), list(_match_depth(recording, depth, [stamps_ns[number] for number in chosen]))
+    if depth and 2 * len(depths) < len(chosen):
+        said.append(
+            f"only {len(depths)} of {len(chosen)} images have depth on {depth.topic} within {MOST_APART_NS / 1e6:g} ms: if the clocks of"
+            " both differ, synchronize them (hardware trigger, use_sim_time) and record again"
+        )
     views = [_turn(lens, poses[number]) for number in chosen]
     for index, measured in depths:
         np.save(folder / f"{index:06d}.npy", np.rot90(measured, views[index][0]))
@@ -211,12 +217,15 @@ def _find_poses(tree: TransformTree, color: Stream, stamps_ns: dict[int, int], p
     found = {number: tree.look_up(color.frame_id, stamp_ns) for number, stamp_ns in stamps_ns.items()}
     known = np.array([pose for pose in found.values() if pose is not None])
     span_ns = tree.find_span_ns(color.frame_id)
-    if not len(known) and span_ns:
+    if len(known) < LEAST_KNOWN * len(found) and span_ns:
         first_s, last_s = (edge(stamps_ns.values()) / 1e9 for edge in (min, max))
         raise StepError(
             f"the bag {path}: images were taken from {first_s:.1f} to {last_s:.1f} s, tf knows the camera from {span_ns[0] / 1e9:.1f} to"
-            f" {span_ns[1] / 1e9:.1f} s: two clocks. Synchronize them (chrony, use_sim_time) and record again, or record without /tf"
+            f" {span_ns[1] / 1e9:.1f} s, at the times of {len(known)} of {len(found)} images: two clocks."
+            " Synchronize them (chrony, use_sim_time) and record again, or record without /tf"
         )
+    if len(known) < len(found):
+        said.append(f"tf knows the camera at the times of {len(known)} of {len(found)} images; the poses of the others count as unknown")
     spread = np.ptp(known, axis=0)
     if spread[:3, 3].max() <= STILL_M and spread[:3, :3].max() <= STILL_TURN:
         said.append(f"the camera's frame {color.frame_id!r} does not move in tf: cameras are estimated")

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from zeroshop_steps.ros.bags import stamp_of
+
 REACH_NS = 100_000_000  # before its first and after its last transform, a frame counts as unmoved
 
 
@@ -55,7 +57,7 @@ class TransformTree:
             if fixed:
                 link.fixed = pose
             else:
-                link.times_ns.append(one.header.stamp.sec * 10**9 + one.header.stamp.nanosec)
+                link.times_ns.append(stamp_of(one))
                 link.transforms.append(pose)
 
     def sort(self) -> None:

@@ -36,6 +36,11 @@ class View:
     mask_path: Path | None
     pass_number: int = field(default=1, kw_only=True)
 
+    @property
+    def own_stem(self) -> str:
+        """The stem of the photo's name in the capture of its pass."""
+        return Path(self.camera.name).stem.removeprefix(f"{self.pass_number}_")
+
     def image(self) -> np.ndarray:
         """(height, width, 3) uint8 sRGB."""
         image = read_image(self.image_path)

@@ -30,26 +30,28 @@ MOST_OFF = 0.15  # share of such pixels from which on the images are not aligned
 
 @dataclass(frozen=True)
 class DepthFolder:
-    """The depth images of a capture.
+    """The depth images of a capture, or of the passes of an object.
 
     Attributes:
+        folder: in which they lie; of the first pass that has some.
         files: the depth image of each photo that has one, by the stem of the registered view's name.
-        step_mm: millimetres a step.
+        steps_mm: by the number of the pass, millimetres a step.
         lenses: the registration's record, which has the lens of each photo.
     """
 
     folder: Path
     files: Mapping[str, Path]
-    step_mm: float
+    steps_mm: Mapping[int, float]
     lenses: Mapping[str, Any]
 
     @staticmethod
-    def find(folder: Path, views: Sequence[View], cameras: Path, capture: Path, step_mm: float) -> "DepthFolder":
+    def find(folders: Mapping[int, Path], views: Sequence[View], cameras: Path, capture: Path, step_mm: float) -> "DepthFolder":
         """The images of registered views, named like the user's photos.
 
         Args:
-            cameras, capture: folders of the registration and of the capture.
-            step_mm: unless the cameras.json beside the folder says it.
+            folders: by the number of the pass, which is 1 where there is one.
+            cameras, capture: folders of the registration and of the capture, of all passes.
+            step_mm: unless the cameras.json beside a folder says it.
 
         Raises:
             StepError: there is no such folder, the step is out of range, or the capture comes from a video.
@@ -58,12 +60,17 @@ class DepthFolder:
             raise StepError(
                 f"a step of the depth images is {step_mm:g} mm; 0.001 to 100 are possible, 1 is usual (height.depth_camera.step_mm)"
             )
-        if not folder.is_dir():
-            raise StepError(f"the folder of depth images {folder} does not exist")
-        beside, record_path = folder.parent / FILE, cameras / "registration.json"
-        step_mm = (read_given_cameras(beside).depth_step_mm if beside.is_file() else None) or step_mm
+        files: dict[str, Path] = {}
+        steps_mm = {}
+        for number, folder in folders.items():
+            if not folder.is_dir():
+                raise StepError(f"the folder of depth images {folder} does not exist")
+            beside = folder.parent / FILE
+            steps_mm[number] = (read_given_cameras(beside).depth_step_mm if beside.is_file() else None) or step_mm
+            files |= _find_files(folder, [view for view in views if view.pass_number == number], capture / "capture.json", number)
+        record_path = cameras / "registration.json"
         record = read_json(record_path) if record_path.is_file() else {}
-        return DepthFolder(folder, _find_files(folder, views, capture / "capture.json"), step_mm, record)
+        return DepthFolder(next(iter(folders.values())), files, steps_mm, record)
 
     def read_mm(self, view: View) -> np.ndarray | None:
         """(height, width) float32 mm as the undistorted photo shows them, 0 where nothing was measured; None where there is no image.
@@ -74,15 +81,16 @@ class DepthFolder:
         stem = Path(view.camera.name).stem
         if stem not in self.files:
             return None
-        measured_mm = depth_to_mm(_read_steps(self.files[stem], view), self.step_mm, str(self.files[stem]))
+        measured_mm = depth_to_mm(_read_steps(self.files[stem], view), self.steps_mm[view.pass_number], str(self.files[stem]))
         return undistort_by_lens(measured_mm, find_lens(dict(self.lenses), stem), cv2.INTER_NEAREST, cv2.BORDER_CONSTANT)
 
     def check_unit(self, view: View, median_mm: float) -> None:
         """Raise StepError where the object's median depth in an image is nothing that a camera measures."""
         if not NEAREST_MM <= median_mm <= FARTHEST_MM:
+            step_mm = self.steps_mm[view.pass_number]
             raise StepError(
                 f"depth image {self.files[Path(view.camera.name).stem]} puts the object {median_mm:g} mm away: it looks like another unit"
-                f" (metres, tenths of millimetres) than the {self.step_mm:g} mm a step that are expected; export millimetres, or give the"
+                f" (metres, tenths of millimetres) than the {step_mm:g} mm a step that are expected; export millimetres, or give the"
                 " unit as height.depth_camera.step_mm"
             )
 
@@ -110,21 +118,24 @@ class DepthFolder:
         return scale_mm, spread, share
 
 
-def _find_files(folder: Path, views: Sequence[View], capture_record: Path) -> dict[str, Path]:
+def _find_files(folder: Path, views: Sequence[View], capture_record: Path, number: int) -> dict[str, Path]:
+    """{stem of a view: its depth image} of the views of a pass."""
     facts = read_json(capture_record)
+    facts = facts["sources_of_passes"][number - 1] if "sources_of_passes" in facts else facts
     if "source_frames" in facts:
         raise StepError(
             f"depth images belong to photos, and {capture_record.parent} comes from a video: export the colour images as photos"
         )
     names = facts.get("source_names")
-    stems = [Path(view.camera.name).stem for view in views]
-    if names and not (isinstance(names, list) and all(isinstance(name, str) for name in names) and max(map(int, stems)) < len(names)):
+    stems = {Path(view.camera.name).stem: view.own_stem for view in views}
+    last = max(map(int, stems.values()), default=0) if names else 0
+    if names and not (isinstance(names, list) and all(isinstance(name, str) for name in names) and last < len(names)):
         raise StepError(
             f"{capture_record}: source_names must list the user's photos, one for each image; delete the folder and run capture again"
         )
     found = {}
-    for stem in stems:
-        path = folder / f"{Path(names[int(stem)]).stem if names else stem}.png"
+    for stem, own in stems.items():
+        path = folder / f"{Path(names[int(own)]).stem if names else own}.png"
         if os.path.lexists(path):
             check_kind(path)
             found[stem] = path

@@ -197,7 +197,7 @@ def describe_lenses(model: pycolmap.Reconstruction) -> dict[str, Any]:
     return {"lens": None, "lenses": {Path(image.name).stem: lenses[image.camera_id] for image in images}}
 
 
-def find_lens(record: dict[str, Any], stem: str) -> dict[str, Any] | None:
+def find_lens(record: Mapping[str, Any], stem: str) -> dict[str, Any] | None:
     """The lens of an image in a registration's record; None where the registration found none, or there was no distortion."""
     return record.get("lens") or record.get("lenses", {}).get(stem)
 

@@ -33,18 +33,22 @@ class DebianRos:
         return PathFinder.find_spec(name, [DEBIAN_FOLDER], target) if path is None and name in FROM_DEBIAN else None
 
 
-def provide_ros() -> None:
+def provide_ros(*more: str) -> None:
     """Make `import rospy` and its kin work in this process.
 
+    Args:
+        more: other packages of ROS that are needed.
+
     Raises:
-        StepError: ROS 1 is not installed.
+        StepError: ROS 1 is not installed, or one of these.
     """
     if DebianRos not in sys.meta_path:
         sys.meta_path.append(DebianRos)
-    lacking = [name for name in ("rospy", "actionlib", "sensor_msgs", "rosgraph") if importlib.util.find_spec(name) is None]
+    lacking = [name for name in ("rospy", "actionlib", "sensor_msgs", "rosgraph", *more) if importlib.util.find_spec(name) is None]
     if lacking:
         raise StepError(
-            f"ROS 1 is not installed: {', '.join(lacking)} cannot be found. Source your workspace, or install Debian's packages: {INSTALL}"
+            f"ROS 1 is not installed: {', '.join(lacking)} cannot be found. Source your workspace, or install Debian's packages:"
+            f" {' '.join([INSTALL, *(f'python3-{name}'.replace('_', '-') for name in more)])}"
         )
 
 

@@ -2,10 +2,7 @@
 
 from typing import Any
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
-from zeroshop_steps.robot.scan_node import ScanNode
+from zeroshop_steps.robot.scan_node import ScanNode, write_pose_stamped
 
 
 def start_scan(node: Any, scan: ScanNode) -> list[Any]:
@@ -49,13 +46,3 @@ def start_scan(node: Any, scan: ScanNode) -> list[Any]:
     parts = [node.create_subscription(kind, topic, take, qos, callback_group=group) for kind, topic, take, qos in heard]
     parts += [node.create_service(Trigger, "~/record", record, callback_group=group)]
     return [*parts, node.create_service(Trigger, "~/next_view", next_view, callback_group=group), publisher]
-
-
-def write_pose_stamped(make: Any, base_from_camera: np.ndarray, frame: str) -> Any:
-    """A geometry_msgs/PoseStamped of a camera's optical frame; its stamp is left as it is."""
-    message = make()
-    message.header.frame_id = frame
-    place, turn = message.pose.position, message.pose.orientation
-    place.x, place.y, place.z = base_from_camera[:3, 3].tolist()
-    turn.x, turn.y, turn.z, turn.w = Rotation.from_matrix(base_from_camera[:3, :3]).as_quat().tolist()
-    return message

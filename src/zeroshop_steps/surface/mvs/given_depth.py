@@ -3,7 +3,7 @@
 Lengths are in normalized units, as in depth_consistency.py, unless their names say otherwise.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -84,7 +84,7 @@ def read_given_depth(
         return None
     # What is left says whether the camera is worse than its kind.
     factor = max(1.0, DEVIATION_OF_MEDIAN * float(np.median(np.abs(np.concatenate(residuals)))))
-    mm_per_unit = float(np.median(list(ratios.values()))) * sphere.radius
+    scales = _measure_scales(ratios, registered)
     distance, depths, deviations, off_shares = HullDistanceField.from_hull(hull), [], [], {}
     for view, full, small, found in zip(registered, views, grid, measured, strict=True):
         depth, deviation = np.zeros((2, small.camera.height_px, small.camera.width_px), np.float32)
@@ -93,6 +93,7 @@ def read_given_depth(
             known = inside & (found[0] > 0)
             if known.any():
                 folder.check_unit(view, float(np.median(found[0][known])))
+            mm_per_unit = scales.get(view.pass_number, scales[0]) * sphere.radius
             depth, deviation = np.where(known, found[0] / mm_per_unit, 0.0), np.where(known, factor * found[1] / mm_per_unit, 0.0)
             depth, off_share = _drop_outside(small.camera, depth, deviation, distance)
             if off_share is not None and view.camera.name in ratios:
@@ -105,12 +106,23 @@ def read_given_depth(
     _, spread, off_share = folder.agree({name: ratios[name] for name in off_shares}, off_shares)
     figures = {
         "images": len(off_shares),
-        "mm_per_unit": mm_per_unit / sphere.radius,
+        "mm_per_unit": scales.get(1, scales[0]),
         "spread": round(spread, 5),
         "off_share": round(off_share, 5),
         "noise_factor": round(factor, 3),
     }
     return GivenDepth(depths, deviations, figures)
+
+
+def _measure_scales(ratios: Mapping[str, float], registered: Sequence[View]) -> dict[int, float]:
+    """The mm per unit of each pass with enough images that tell it, by its number, and of all images, by 0.
+
+    A pass has its own, since its cameras were put into the first one's unit by what both saw of the object, which depth measures better.
+    """
+    numbers = {view.camera.name: view.pass_number for view in registered}
+    groups = {0: list(ratios.values())}
+    groups |= {number: [ratio for name, ratio in ratios.items() if numbers[name] == number] for number in set(numbers.values())}
+    return {number: float(np.median(group)) for number, group in groups.items() if number == 0 or len(group) >= MIN_IMAGES}
 
 
 def _resample(noise: NoiseModel, depth_mm: np.ndarray, photo: Camera, grid: Camera) -> tuple[np.ndarray, np.ndarray]:
@@ -130,7 +142,7 @@ def _look_up(noise: NoiseModel, depth_mm: np.ndarray, pixels: np.ndarray, side: 
     steps = np.arange(-reach, reach + 1)
     x = np.clip(np.floor(pixels[:, 0]).astype(int)[:, None, None] + steps, 0, width - 1)
     y = np.clip(np.floor(pixels[:, 1]).astype(int)[:, None, None] + steps[:, None], 0, height - 1)
-    values = depth_mm[y, x].reshape(len(pixels), -1)
+    values = depth_mm[y, x].reshape(len(pixels), len(steps) ** 2)
     values = np.sort(np.where(values > 0, values, np.inf), axis=1)
     count = np.isfinite(values).sum(axis=1)
     known = 2 * count > values.shape[1]
