@@ -135,7 +135,7 @@ def test_a_field_passes_through_the_corners_of_its_finest_leaves() -> None:
 
 def test_half_of_the_light_is_stopped_at_the_half_value() -> None:
     from voxel_reference import activate
-    from zeroshop_steps.surface.svraster.kernels.rasterize import DENSITY_SCALE
+    from zeroshop_steps.surface.svraster.kernels.intersection import DENSITY_SCALE
 
     for step in (0.1, 0.0078, 1e-3):
         density = float(activate(torch.tensor(half_opacity_value(step), dtype=torch.float64)))
