@@ -7,11 +7,12 @@ import numpy as np
 
 from zeroshop_steps.surface.rendering.tiling import TILE_PX
 from zeroshop_steps.surface.svraster import render as voxel_render
-from zeroshop_steps.surface.svraster.kernels import project as voxels
-from zeroshop_steps.surface.svraster.kernels import rasterize as voxel_rasterize
+from zeroshop_steps.surface.svraster.kernels import intersection
+from zeroshop_steps.surface.svraster.kernels import layout as voxels
 from zeroshop_steps.surface.svraster.kernels.tiles import octant_of, ray_direction
 from zeroshop_steps.surface.twodgs import render as surfel_render
-from zeroshop_steps.surface.twodgs.kernels import project as surfels
+from zeroshop_steps.surface.twodgs.kernels import layout as surfels
+from zeroshop_steps.surface.twodgs.kernels.project import ALPHA_MIN
 
 LIGHT_MIN = 1e-4
 """Transmittance below which both optimizers end a pixel."""
@@ -46,7 +47,7 @@ def _count_surfels(splats, boxes, tiles, starts, splat_of, tiles_x):
                         u, v = (s[surfels.U1] * dx + s[surfels.U2] * dy) / a, (s[surfels.V1] * dx + s[surfels.V2] * dy) / a
                         rho = min(rho, u * u + v * v)
                     alpha = min(s[surfels.OPACITY] * math.exp(-0.5 * rho), 0.99)
-                    if alpha >= surfels.ALPHA_MIN and light[y - top, x - left] >= LIGHT_MIN:
+                    if alpha >= ALPHA_MIN and light[y - top, x - left] >= LIGHT_MIN:
                         light[y - top, x - left] *= 1.0 - alpha
                         blended += 1
     return blended
@@ -80,8 +81,8 @@ def _count_voxels(rows, boxes, camera, pair_tiles, pair_octants, pairs, starts, 
                     u, v, w = e + 0.5 * (first + last) * d
                     p = s[voxels.P1 : voxels.P1 + 8]
                     value = p[0] + p[1] * u + p[2] * v + p[3] * w + p[4] * u * v + p[5] * u * w + p[6] * v * w + p[7] * u * v * w
-                    knee = voxel_rasterize.LINEAR_FROM
+                    knee = intersection.LINEAR_FROM
                     sigma = value if value > knee else knee * math.exp(value / knee - 1.0)
                     length = (last - first) * s[voxels.SIZE] * math.sqrt(square)
-                    thickness[y - top, x - left] += sigma * length * voxel_rasterize.DENSITY_SCALE
+                    thickness[y - top, x - left] += sigma * length * intersection.DENSITY_SCALE
     return blended

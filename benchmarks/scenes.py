@@ -10,14 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from surfel_reference import render_reference as surfel_reference
+from voxel_reference import render_reference as voxel_reference
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.surface.svraster import render as voxel_render
 from zeroshop_steps.surface.svraster.octree import Octree
-from zeroshop_steps.surface.svraster.reference import render_reference as voxel_reference
 from zeroshop_steps.surface.svraster.renderers import Renderer as VoxelRenderer
 from zeroshop_steps.surface.svraster.renderers import make_renderer as make_voxel_renderer
 from zeroshop_steps.surface.twodgs import render as surfel_render
-from zeroshop_steps.surface.twodgs.reference import render_reference as surfel_reference
 from zeroshop_steps.surface.twodgs.renderers import Renderer as SurfelRenderer
 from zeroshop_steps.surface.twodgs.renderers import make_renderer as make_surfel_renderer
 from zeroshop_steps.surface.twodgs.surfels import quaternions_towards

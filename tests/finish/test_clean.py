@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from helpers.solids import as_trimesh
 from zeroshop_steps.finish.clean import clean_mesh, drop_floaters, label_parts
 from zeroshop_steps.geometry.cameras.registered_views import read_views
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
@@ -63,15 +64,15 @@ def test_small_holes_close_and_faces_stay_below_the_limit(views):
     sphere = ball(18.0, subdivisions=5)
     holed = Mesh(sphere.vertices, np.delete(sphere.faces, [5, 300, 301], axis=0))
     mesh, _ = clean_mesh(holed, views, max_faces=5000)
-    assert mesh.as_trimesh().is_watertight
+    assert as_trimesh(mesh).is_watertight
     assert len(mesh.faces) <= 5000
-    assert mesh.as_trimesh().volume == pytest.approx(4 / 3 * np.pi * 18.0**3, rel=0.01)
+    assert as_trimesh(mesh).volume == pytest.approx(4 / 3 * np.pi * 18.0**3, rel=0.01)
 
 
 def test_an_inverted_surface_is_turned_outwards(views):
     sphere = ball(18.0)
     mesh, _ = clean_mesh(Mesh(sphere.vertices, sphere.faces[:, ::-1].copy()), views)
-    assert mesh.as_trimesh().volume > 0
+    assert as_trimesh(mesh).volume > 0
 
 
 def test_duplicate_and_degenerate_faces_go(views):

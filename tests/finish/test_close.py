@@ -8,6 +8,7 @@ import trimesh
 
 from helpers.carton_scene import camera_at
 from helpers.memory_view import MemoryView
+from helpers.solids import as_trimesh
 from zeroshop_steps.finish.closing import watertight
 from zeroshop_steps.finish.closing.close import Closing, close_in_space, close_mesh, fill_small_holes, find_floor
 from zeroshop_steps.finish.closing.underside import close_underside, find_open_borders
@@ -80,9 +81,9 @@ def closed(views) -> tuple[Mesh, Mesh, Mesh]:
 
 def test_a_torn_surface_becomes_a_solid(closed):
     _, whole, _ = closed
-    assert not find_open_borders(whole.faces) and whole.as_trimesh().is_watertight
+    assert not find_open_borders(whole.faces) and as_trimesh(whole).is_watertight
     sphere = 4 / 3 * np.pi * RADIUS_MM**3
-    assert whole.as_trimesh().volume == pytest.approx(sphere, rel=0.02)
+    assert as_trimesh(whole).volume == pytest.approx(sphere, rel=0.02)
 
 
 def test_measured_surface_stays_where_it_was(closed):
@@ -119,7 +120,7 @@ def test_a_few_small_holes_are_filled_and_nothing_else_changes(views):
     filled = fill_small_holes(mesh, underside, views)
     assert filled is not None
     whole, record = filled
-    assert record.watertight and whole.as_trimesh().is_watertight and whole.as_trimesh().is_winding_consistent
+    assert record.watertight and as_trimesh(whole).is_watertight and as_trimesh(whole).is_winding_consistent
     assert np.array_equal(whole.faces[: underside.first_face], mesh.faces[: underside.first_face])
     assert record.faces == underside.faces, "photos see the filled hole"
 
@@ -138,7 +139,7 @@ def test_nothing_is_closed_far_below_what_was_measured(monkeypatch):
     bounded, _ = close_in_space(torn, seen, floor, MAX_FACES)
     free, _ = close_in_space(torn, seen, None, MAX_FACES)
     lowest = torn.vertices[:, 2].min()
-    assert bounded.as_trimesh().is_watertight
+    assert as_trimesh(bounded).is_watertight
     assert lowest - bounded.vertices[:, 2].min() < 0.8 and lowest - free.vertices[:, 2].min() < 0.8
 
 
@@ -194,5 +195,5 @@ def test_what_no_mask_bounds_does_not_swell(relief, monkeypatch):
     views = [MemoryView(camera, Path(camera.name), None, np.ones((camera.height_px, camera.width_px), bool)) for camera in seen]
     solid = watertight.close_surface(relief, views, None)
     depth_mm = np.ptp(solid.vertices, axis=0)[1]
-    assert solid.as_trimesh().is_watertight
+    assert as_trimesh(solid).is_watertight
     assert depth_mm < 8.0, "a relief of 4 mm becomes a plate, and not a block of 40"

@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from helpers.carton_scene import camera_at
+from helpers.solids import as_trimesh
 from zeroshop_steps.evaluate.surface_support import drop_generated
 from zeroshop_steps.finish.closing import watertight
 from zeroshop_steps.finish.closing.close import close_by_generated
@@ -58,7 +59,7 @@ def test_the_hollow_and_the_underside_open_and_measured_surface_stays(scene, mon
     whole, record, figures = close_by_generated(
         measured, generated, views, NOTHING_CONFIRMED, GroundPlane(np.array([0.0, 0.0, 1.0]), -HEIGHT_MM / 2), 12_000
     )
-    assert whole.as_trimesh().is_watertight and record.watertight and 0.1 < figures["lids_share"] < 0.25
+    assert as_trimesh(whole).is_watertight and record.watertight and 0.1 < figures["lids_share"] < 0.25
     truth = true_cup()
     radius = np.hypot(truth.vertices[:, 0], truth.vertices[:, 1])
     floor = truth.vertices[(radius < 22) & (np.abs(truth.vertices[:, 2] + 14) < 1)]

@@ -6,6 +6,7 @@ import trimesh
 
 from helpers.carton_scene import camera_at
 from helpers.memory_view import MemoryView
+from helpers.solids import as_trimesh
 from zeroshop_steps.finish.closing.close import Closing, close_mesh
 from zeroshop_steps.finish.closing.overhang import lift_underside
 from zeroshop_steps.finish.closing.underside import close_underside, find_open_borders
@@ -46,8 +47,8 @@ def test_the_space_below_the_ends_stays_open():
     flat, first_face = closed_flat(mesh, 0.0)
     lifted = lift_underside(flat, len(mesh.vertices), first_face, UP, views)
     true = solid(True).volume
-    assert abs(lifted.as_trimesh().volume / true - 1) < 0.03 < 0.06 < flat.as_trimesh().volume / true - 1
-    assert lifted.as_trimesh().is_watertight and not find_open_borders(lifted.faces)
+    assert abs(as_trimesh(lifted).volume / true - 1) < 0.03 < 0.06 < as_trimesh(flat).volume / true - 1
+    assert as_trimesh(lifted).is_watertight and not find_open_borders(lifted.faces)
     assert np.array_equal(lifted.vertices[: len(mesh.vertices)], mesh.vertices) and np.array_equal(lifted.faces, flat.faces)
     added = lifted.vertices[len(mesh.vertices) :]
     assert added[:, 2].min() < 0.5  # it still stands on the plane
@@ -74,4 +75,4 @@ def test_closing_lifts_it():
     height = {"up": UP.tolist(), "bottom": 0.0, "up_source": "support_plane", "up_uncertainty": {}}
     closed, facts = close_mesh(mesh, height, views, Closing(hollows="kept"))
     assert facts["closing"] == {"method": "flat", "ground_share": 0.0, "watertight": True}
-    assert closed.as_trimesh().volume == pytest.approx(solid(True).volume, rel=0.03)
+    assert as_trimesh(closed).volume == pytest.approx(solid(True).volume, rel=0.03)

@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from helpers.carton_scene import camera_at
+from helpers.solids import as_trimesh
 from zeroshop_steps.finish.texture import bake_texture, read_colored
 from zeroshop_steps.finish.texturing.atlas import rasterize_atlas
 from zeroshop_steps.finish.texturing.unwrap import measure_atlas_use, unwrap_mesh
@@ -35,7 +36,7 @@ def psnr_db(a: np.ndarray, b: np.ndarray) -> float:
 def test_the_atlas_lies_in_the_unit_square_and_keeps_the_surface(unwrapped):
     assert unwrapped.uv.min() >= 0.0 and unwrapped.uv.max() <= 1.0
     assert len(unwrapped.faces) == 20 * 4**4
-    assert unwrapped.as_trimesh().area == pytest.approx(4 * np.pi * 20.0**2, rel=0.01)
+    assert as_trimesh(unwrapped).area == pytest.approx(4 * np.pi * 20.0**2, rel=0.01)
     assert np.allclose(np.linalg.norm(unwrapped.normals, axis=1), 1.0)
 
 

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from helpers.carton_scene import SIZE_MM
+from helpers.solids import as_trimesh
 from zeroshop_steps.finish.closing.underside import close_underside, drop_underside, find_open_borders
 from zeroshop_steps.finish.texture import bake_texture
 from zeroshop_steps.finish.texturing.unwrap import unwrap_mesh
@@ -50,9 +51,9 @@ def test_an_open_underside_is_closed_flat(name):
     mesh = shapes()[name]
     whole, underside = close_underside(mesh, UP, 0.0)
     assert find_open_borders(mesh.faces) and not find_open_borders(whole.faces)
-    assert underside.watertight and whole.as_trimesh().is_watertight and whole.as_trimesh().is_winding_consistent
+    assert underside.watertight and as_trimesh(whole).is_watertight and as_trimesh(whole).is_winding_consistent
     assert underside.borders == {"cylinder": 1, "ring": 2, "ball": 1, "three legs": 3}[name]
-    assert whole.as_trimesh().volume > 0
+    assert as_trimesh(whole).volume > 0
     added = whole.faces[underside.first_face :]
     assert np.array_equal(whole.faces[: underside.first_face], mesh.faces)
     assert np.array_equal(whole.vertices[: len(mesh.vertices)], mesh.vertices)

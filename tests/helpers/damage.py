@@ -20,6 +20,7 @@ import pymeshlab
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
+from helpers.solids import as_trimesh
 from zeroshop_steps.evaluate.grade import make_grade_record, measure_mesh
 from zeroshop_steps.evaluate.grading import MEASURES
 from zeroshop_steps.geometry.alignment.surface_distance import measure_surface_error
@@ -137,7 +138,7 @@ def visual_hull(case: Case, resolution: int = 96) -> Mesh:
     surface = o3d.t.geometry.TriangleMesh.create_isosurfaces(o3d.core.Tensor(np.ascontiguousarray(volume)), [0.5])
     index = surface.vertex.positions.numpy().astype(float)[:, ::-1] - 2.0  # Open3D's points are (z, y, x)
     mesh = Mesh(centre + (index + 0.5) / resolution * 2 * half - half, surface.triangle.indices.numpy().astype(np.int64))
-    return mesh if mesh.as_trimesh().volume > 0 else Mesh(mesh.vertices, mesh.faces[:, ::-1].copy())
+    return mesh if as_trimesh(mesh).volume > 0 else Mesh(mesh.vertices, mesh.faces[:, ::-1].copy())
 
 
 def noisy_cameras(case: Case, noise_deg: float) -> Case:

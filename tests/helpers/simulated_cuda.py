@@ -47,7 +47,7 @@ def compare(names: tuple[str, ...], given: dict[str, np.ndarray], mine, twin) ->
 def surfels(given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Surfels of a view, and a short training of others."""
     from helpers import few_primitives
-    from zeroshop_steps.surface.twodgs.reference import render_reference
+    from surfel_reference import render_reference
     from zeroshop_steps.surface.twodgs.render import RenderView, render
     from zeroshop_steps.surface.twodgs.renderers import make_renderer
 
@@ -67,9 +67,9 @@ def surfels(given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 def voxels(given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Voxels of a view, each one's largest blending weight and priority, and a short training of others."""
     from helpers import few_primitives
+    from voxel_reference import render_reference
     from zeroshop_steps.geometry.cameras.pinhole import Camera
     from zeroshop_steps.surface.svraster.octree import Octree
-    from zeroshop_steps.surface.svraster.reference import render_reference
     from zeroshop_steps.surface.svraster.render import RenderView, render
     from zeroshop_steps.surface.svraster.renderers import make_renderer
 

@@ -13,5 +13,7 @@ Random numbers overflow on purpose, of which NumPy warns."""
 
 def run_in_simulator(program: str, *words: str) -> None:
     """Run a Python file of the tests in a process of its own."""
-    paths = os.pathsep.join([str(REPOSITORY / "tests"), *filter(None, [os.environ.get("PYTHONPATH")])])
+    paths = os.pathsep.join(
+        [*(str(REPOSITORY / folder) for folder in ("tests", "benchmarks")), *filter(None, [os.environ.get("PYTHONPATH")])]
+    )
     subprocess.run([sys.executable, program, *words], env={**os.environ, **SIMULATED, "PYTHONPATH": paths}, check=True, timeout=500)

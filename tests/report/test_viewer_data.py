@@ -13,6 +13,7 @@ import trimesh
 
 from helpers.paths import REPOSITORY
 from helpers.small_report import finished_cell, made_page
+from helpers.solids import as_trimesh
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.report.site.mesh_reduction import TEXTURED_FACES, reduce_mesh
 from zeroshop_steps.report.site.viewer_data import UNSEEN, quantize_distances
@@ -57,7 +58,7 @@ def test_a_reduced_mesh_keeps_its_shape_and_its_texture(carton):
     assert len(small.mesh.faces) <= 300 and small.faces == len(carton.mesh.faces)
     assert small.mesh.texture.shape == (64, 64, 3)
     assert np.abs(small.mesh.vertices).max(0) == pytest.approx(np.abs(carton.mesh.vertices).max(0), abs=0.1)
-    assert small.mesh.as_trimesh().area == pytest.approx(carton.mesh.as_trimesh().area, rel=0.01)
+    assert as_trimesh(small.mesh).area == pytest.approx(as_trimesh(carton.mesh).area, rel=0.01)
 
 
 def test_a_reduced_mesh_keeps_its_shape_whatever_the_filter_did_before(carton):
@@ -65,7 +66,7 @@ def test_a_reduced_mesh_keeps_its_shape_whatever_the_filter_did_before(carton):
     work.add_mesh(pymeshlab.Mesh(carton.mesh.vertices, carton.mesh.faces.astype(np.int32)))
     options = {"preserveboundary": True, "boundaryweight": 2.0, "preservenormal": True, "planarquadric": True, "autoclean": True}
     work.meshing_decimation_quadric_edge_collapse(targetfacenum=1000, **options)
-    assert reduce_mesh(carton.mesh, 300, 64).mesh.as_trimesh().area == pytest.approx(carton.mesh.as_trimesh().area, rel=1e-3)
+    assert as_trimesh(reduce_mesh(carton.mesh, 300, 64).mesh).area == pytest.approx(as_trimesh(carton.mesh).area, rel=1e-3)
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from helpers.solids import as_trimesh
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.grasp.gripper import GRIPPERS
 from zeroshop_steps.runtime.errors import StepError
@@ -58,8 +59,8 @@ def test_an_open_underside_is_closed_and_unseen() -> None:
     shape = trimesh.creation.box((0.05, 0.04, 0.1)).subdivide().subdivide()
     up = np.asarray(shape.face_normals)[:, 2] > -0.9
     closed = close_below(Mesh(np.asarray(shape.vertices), np.asarray(shape.faces)[up]))
-    assert closed.as_trimesh().is_watertight
-    assert closed.as_trimesh().volume == pytest.approx(0.05 * 0.04 * 0.1, rel=0.02)
+    assert as_trimesh(closed).is_watertight
+    assert as_trimesh(closed).volume == pytest.approx(0.05 * 0.04 * 0.1, rel=0.02)
     assert 0.8 < closed.face_areas()[~closed.measured_faces()].sum() / (0.05 * 0.04) < 1.05
 
 

@@ -6,6 +6,7 @@ import pytest
 
 from helpers.checkout import copy_checkout
 from helpers.planner import call_snakemake
+from helpers.solids import as_trimesh
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.runtime.files import read_json
 
@@ -130,7 +131,7 @@ def test_a_surface_without_cameras_ends_with_its_raw_mesh(checkout):
     raw = "results/demo/tuna_can/se/none/guess/raw_mesh.ply"
     run = call(raw)
     assert run.returncode == 0, run.stdout
-    assert read_ply(folder / raw).as_trimesh().is_watertight
+    assert as_trimesh(read_ply(folder / raw)).is_watertight
     finished = call("results/demo/tuna_can/se/none/guess/mesh.ply")
     assert finished.returncode != 0 and "a cell of registration none ends with its raw mesh" in finished.stdout
 

@@ -16,7 +16,7 @@ import psutil
 
 from zeroshop_steps import __version__, methods
 from zeroshop_steps.app.project_folders import find_weights_home, list_everyday_weights
-from zeroshop_steps.networks.devices import RESERVE
+from zeroshop_steps.networks.devices import PROCESS_BYTES, RESERVE
 from zeroshop_steps.networks.weights import look_up_weights
 from zeroshop_steps.runtime.errors import StepError
 
@@ -72,7 +72,7 @@ def foresee() -> list[Need]:
             most, least = (predict(chunk=CHUNKS["cuda"][end]) for end in (0, -1))
             found.append(Need(f"VGGT, {name} precision: cameras of {images} images", least / 1e9, most / 1e9, share=1.0))
     describer, _ = cnos.METHOD["models"]["describer"]
-    shared = mask_proposals.BASE_BYTES + (look_up_weights(f"{describer}/model.safetensors").size_bytes or 0)
+    shared = PROCESS_BYTES + mask_proposals.CROPS_BYTES + (look_up_weights(f"{describer}/model.safetensors").size_bytes or 0)
     fast = (shared + mask_proposals.FASTSAM_BYTES) / 1e9
     slow = (shared + SAM_BYTES + mask_proposals.ATTENTION_COPIES * SAM_ATTENTION_BYTES) / 1e9
     trellis = predict_memory(TrellisSettings()).peak_bytes / 1e9

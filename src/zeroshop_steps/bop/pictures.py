@@ -26,7 +26,6 @@ from zeroshop_steps.geometry.imaging.images import read_image, write_image
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory
 
-WORST = 10  # estimates in worst.png
 IN_A_ROW = 5  # tiles
 TILE_PX, CAPTION_PX = 320, 44
 TILE_MARGIN, LEAST_MARGIN_PX = 1.3, 16  # side of a tile: 1.3 times the longer side of the masks, and so many pixels
@@ -145,7 +144,7 @@ def draw_worst(
     frames: Frames,
     models: dict[int, ObjectModel],
     renderers: dict[int, DepthRenderer],
-    count: int = WORST,
+    count: int = 10,
 ) -> np.ndarray | None:
     """Tiles of the estimates with the largest MSSD: the true outline green, the estimated one red, the errors below.
 

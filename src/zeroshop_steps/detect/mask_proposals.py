@@ -10,7 +10,7 @@ import torch
 
 from zeroshop_steps.detect.cnos.crops import CropDescriber
 from zeroshop_steps.detect.cnos.segment_anything import SegmentAnything, drop_small_masks
-from zeroshop_steps.networks.devices import MemoryNeeds, check_memory
+from zeroshop_steps.networks.devices import PROCESS_BYTES, MemoryNeeds, check_memory
 from zeroshop_steps.networks.fastsam.masks import propose_masks
 from zeroshop_steps.networks.fastsam.model import NAME, SIZES, load_fastsam
 from zeroshop_steps.networks.pretrained import WEIGHTS_FILE, require_model
@@ -18,8 +18,8 @@ from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, resolve_weights
 
 SEGMENTER, DESCRIBER, FILES = "sam-vit-huge", "dinov2-large", ("config.json", WEIGHTS_FILE)
 PROPOSALS = ("sam", "fastsam")
-BASE_BYTES = 1_000_000_000
-"""Of Python, PyTorch, the views of a model, and DINOv2 on the crops that go through it together; measured."""
+CROPS_BYTES = 300_000_000
+"""Of the views of a model and DINOv2 on the crops that go through it together, beside the process itself; measured."""
 FASTSAM_BYTES = 600_000_000
 """Of FastSAM with its weights; measured."""
 ATTENTION_COPIES = 4
@@ -64,7 +64,7 @@ def load_networks(args: argparse.Namespace, device: torch.device) -> tuple[Propo
 
 def predict_memory(describer: Path, segmenter: Path | None) -> MemoryNeeds:
     """Memory at the peak with the networks in these folders; FastSAM proposes where there is no segmenter."""
-    peak = BASE_BYTES + (describer / WEIGHTS_FILE).stat().st_size
+    peak = PROCESS_BYTES + CROPS_BYTES + (describer / WEIGHTS_FILE).stat().st_size
     if segmenter is None:
         return MemoryNeeds(peak + FASTSAM_BYTES, "FastSAM with DINOv2", "free memory, or use the detector contour, which needs no network")
     from transformers import SamConfig

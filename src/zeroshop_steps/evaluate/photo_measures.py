@@ -72,13 +72,12 @@ class ShrunkView(View):
         return cv2.resize(mask, (self.camera.width_px, self.camera.height_px), interpolation=cv2.INTER_AREA) >= 128
 
 
-def measure_photo_agreement(mesh: Mesh, views: Sequence[View], seed: int = 0) -> PhotoAgreement:
+def measure_photo_agreement(mesh: Mesh, views: Sequence[View]) -> PhotoAgreement:
     """Compare a mesh with photos.
 
     Args:
         mesh: the surface.
         views: registered photos with masks, cameras in the frame of the mesh.
-        seed: of the points on the surface.
 
     Raises:
         StepError: a mask is empty.
@@ -87,7 +86,7 @@ def measure_photo_agreement(mesh: Mesh, views: Sequence[View], seed: int = 0) ->
     joined, _ = weld(mesh)
     # The normals are the directions in which other depths are tried.
     normals = smooth(joined.vertex_normals, build_neighbour_matrix(joined), 6)
-    points, faces = sample_surface(joined, SAMPLES, np.random.default_rng(seed))
+    points, faces = sample_surface(joined, SAMPLES, np.random.default_rng(0))
     normals = normals[joined.faces[faces]].sum(1)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     diameter = diameter_of(joined)

@@ -71,12 +71,12 @@ def measure_guessed_share(mesh: Mesh, views: Sequence[View], inferred: slice = s
     return float(mesh.face_areas() @ guessed / max(mesh.face_areas().sum(), 1e-30))
 
 
-def measure_roughness_deg(mesh: Mesh, seed: int = 0) -> float:
+def measure_roughness_deg(mesh: Mesh) -> float:
     """Median over the surface of the angle between the normal and the mean normal of its neighbourhood on the same side.
 
     Edges and folds of the object itself are few, so they hardly change the median.
     """
-    points, faces = sample_surface(mesh, SAMPLES, np.random.default_rng(seed))
+    points, faces = sample_surface(mesh, SAMPLES, np.random.default_rng(0))
     normals = mesh.face_normals()[faces]
     a, b = cKDTree(points).query_pairs(ROUGHNESS_DIAMETERS * diameter_of(mesh), output_type="ndarray").T
     same_side = np.einsum("ij,ij->i", normals[a], normals[b]) > 0.0

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.grasp.gripper import Gripper
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
 
@@ -42,10 +41,6 @@ class Grasp:
     def approach(self) -> np.ndarray:
         """(3,) unit direction in which the gripper moves to the object, in the object's frame."""
         return self.object_from_gripper[:3, 2]
-
-    def object_from_tcp(self, gripper: Gripper) -> np.ndarray:
-        """(4, 4) rigid, metres: the frame in the middle between the pads."""
-        return self.object_from_gripper @ gripper.gripper_from_tcp
 
 
 def write_grasps(path: Path, grasps: Sequence[Grasp], facts: dict[str, Any]) -> None:

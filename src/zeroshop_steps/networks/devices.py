@@ -12,6 +12,8 @@ from zeroshop_steps.runtime.compute.kernel_devices import DEVICES as DEVICES
 from zeroshop_steps.runtime.errors import StepError, is_out_of_memory
 
 CGROUP = Path("/sys/fs/cgroup")
+PROCESS_BYTES = 700_000_000
+"""Of a process beside its networks: Python, PyTorch and the libraries; 0.3 to 0.7 GB were measured."""
 RESERVE = 0.9
 """Share of the free memory that a network may take."""
 

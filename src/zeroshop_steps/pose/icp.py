@@ -38,8 +38,7 @@ def run_icp(poses: np.ndarray, points: np.ndarray, surface: NearestSurface, step
         (P, 4, 4) camera_from_model.
     """
     moved = np.ascontiguousarray(poses, np.float64).copy()
-    tables = surface.points, surface.normals, surface.is_open, surface.low, surface.cell_mm, surface.table
-    _run_icp(moved, np.ascontiguousarray(points, np.float64), points.mean(0), *tables, steps)
+    _run_icp(moved, np.ascontiguousarray(points, np.float64), points.mean(0), surface, steps)
     return moved
 
 
@@ -59,9 +58,8 @@ def compute_shape_costs(
         intrinsics: (3, 3) BOP's K.
     """
     poses, points = np.ascontiguousarray(poses, np.float64), np.ascontiguousarray(points, np.float64)
-    tables = surface.points, surface.normals, surface.is_open, surface.low, surface.cell_mm, surface.table
     focal = np.array([intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]], np.float64)
-    return _compute_costs(poses, points, *tables, float(diameter_mm), depth_mm, mask, focal)
+    return _compute_costs(poses, points, surface, float(diameter_mm), depth_mm, mask, focal)
 
 
 @numba.njit(cache=True, forceinline=True)
@@ -74,8 +72,9 @@ def _to_model_frame(pose: np.ndarray, point: np.ndarray, out: np.ndarray) -> Non
 
 
 @numba.njit(cache=True, forceinline=True)
-def _look_up_nearest(local: np.ndarray, low: np.ndarray, cell_mm: float, table: np.ndarray) -> int:
+def _look_up_nearest(local: np.ndarray, surface: NearestSurface) -> int:
     """Index of the sample nearest to a point in the model's frame, by the table."""
+    low, cell_mm, table = surface.low, surface.cell_mm, surface.table
     x = min(max(int((local[0] - low[0]) / cell_mm), 0), table.shape[0] - 1)
     y = min(max(int((local[1] - low[1]) / cell_mm), 0), table.shape[1] - 1)
     z = min(max(int((local[2] - low[2]) / cell_mm), 0), table.shape[2] - 1)
@@ -90,42 +89,20 @@ def _rotate(pose: np.ndarray, vector: np.ndarray, out: np.ndarray) -> None:
 
 
 @numba.njit(cache=True, parallel=True)
-def _run_icp(
-    poses: np.ndarray,
-    points: np.ndarray,
-    middle: np.ndarray,
-    samples: np.ndarray,
-    normals: np.ndarray,
-    is_open: bool,
-    low: np.ndarray,
-    cell_mm: float,
-    table: np.ndarray,
-    steps: int,
-) -> None:
-    """`run_icp` in place; `samples` to `table` are the fields of `NearestSurface`."""
+def _run_icp(poses: np.ndarray, points: np.ndarray, middle: np.ndarray, surface: NearestSurface, steps: int) -> None:
+    """`run_icp` in place."""
     for index in numba.prange(len(poses)):
-        _move_pose(poses[index], points, middle, samples, normals, is_open, low, cell_mm, table, steps)
+        _move_pose(poses[index], points, middle, surface, steps)
 
 
 # Loops in place of numpy's products and solver: numba compiles all that a parallel loop calls several times, for most of a minute.
 @numba.njit(cache=True, forceinline=True)
-def _move_pose(
-    pose: np.ndarray,
-    points: np.ndarray,
-    middle: np.ndarray,
-    samples: np.ndarray,
-    normals: np.ndarray,
-    is_open: bool,
-    low: np.ndarray,
-    cell_mm: float,
-    table: np.ndarray,
-    steps: int,
-) -> None:
+def _move_pose(pose: np.ndarray, points: np.ndarray, middle: np.ndarray, surface: NearestSurface, steps: int) -> None:
     """The steps of one pose, in place."""
     distances, faces = np.empty(len(points)), np.empty(len(points), np.bool_)
     rows, gaps = np.empty((len(points), 6)), np.empty(len(points))
     for _ in range(steps):
-        _build_equations(pose, points, middle, samples, normals, is_open, low, cell_mm, table, distances, faces, rows, gaps)
+        _build_equations(pose, points, middle, surface, distances, faces, rows, gaps)
         limit = np.sort(distances)[int(np.ceil(NEAR_SHARE * (len(points) - 1)))]
         square, right = np.zeros((6, 6)), np.zeros(6)
         for point in range(len(points)):
@@ -142,35 +119,24 @@ def _move_pose(
 
 @numba.njit(cache=True, forceinline=True)
 def _build_equations(
-    pose: np.ndarray,
-    points: np.ndarray,
-    middle: np.ndarray,
-    samples: np.ndarray,
-    normals: np.ndarray,
-    is_open: bool,
-    low: np.ndarray,
-    cell_mm: float,
-    table: np.ndarray,
-    distances: np.ndarray,
-    faces: np.ndarray,
-    rows: np.ndarray,
-    gaps: np.ndarray,
-) -> None:
+    pose: np.ndarray, points: np.ndarray, middle: np.ndarray, surface: NearestSurface, distances: np.ndarray, faces: np.ndarray,
+    rows: np.ndarray, gaps: np.ndarray,
+) -> None:  # fmt: skip
     """Fill in for each point: its distance, whether the nearest surface faces the camera, and its row and gap of the least squares."""
     local, normal, target = np.empty(3), np.empty(3), np.empty(3)
     for point in range(len(points)):
         _to_model_frame(pose, points[point], local)
-        sample = _look_up_nearest(local, low, cell_mm, table)
-        _rotate(pose, normals[sample], normal)
-        _rotate(pose, samples[sample], target)
+        sample = _look_up_nearest(local, surface)
+        _rotate(pose, surface.normals[sample], normal)
+        _rotate(pose, surface.points[sample], target)
         squared, towards, gap = 0.0, 0.0, 0.0
         for axis in range(3):
-            squared += (local[axis] - samples[sample, axis]) ** 2
+            squared += (local[axis] - surface.points[sample, axis]) ** 2
             towards += normal[axis] * points[point, axis]
             target[axis] += pose[axis, 3]
             gap += (points[point, axis] - target[axis]) * normal[axis]
             rows[point, 3 + axis] = normal[axis]
-        distances[point], faces[point], gaps[point] = np.sqrt(squared), is_open or towards < 0, gap
+        distances[point], faces[point], gaps[point] = np.sqrt(squared), surface.is_open or towards < 0, gap
         for axis in range(3):
             after, last = (axis + 1) % 3, (axis + 2) % 3
             rows[point, axis] = (target[after] - middle[after]) * normal[last] - (target[last] - middle[last]) * normal[after]
@@ -201,19 +167,9 @@ def _apply_step(pose: np.ndarray, change: np.ndarray, middle: np.ndarray) -> Non
 
 @numba.njit(cache=True, parallel=True)
 def _compute_costs(
-    poses: np.ndarray,
-    points: np.ndarray,
-    samples: np.ndarray,
-    normals: np.ndarray,
-    is_open: bool,
-    low: np.ndarray,
-    cell_mm: float,
-    table: np.ndarray,
-    diameter_mm: float,
-    depth_mm: np.ndarray,
-    mask: np.ndarray,
+    poses: np.ndarray, points: np.ndarray, surface: NearestSurface, diameter_mm: float, depth_mm: np.ndarray, mask: np.ndarray,
     focal: np.ndarray,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """`compute_shape_costs`; `focal` is fx, fy, cx, cy."""
     costs = np.empty(len(poses))
     kept = max(int(COSTED_SHARE * len(points)), 1)
@@ -222,17 +178,17 @@ def _compute_costs(
         local, normal, place, off = np.empty(3), np.empty(3), np.empty(3), np.empty(len(points))
         for point in range(len(points)):
             _to_model_frame(pose, points[point], local)
-            sample = _look_up_nearest(local, low, cell_mm, table)
-            _rotate(pose, normals[sample], normal)
+            sample = _look_up_nearest(local, surface)
+            _rotate(pose, surface.normals[sample], normal)
             squared, towards = 0.0, 0.0
             for axis in range(3):
-                squared += (local[axis] - samples[sample, axis]) ** 2
+                squared += (local[axis] - surface.points[sample, axis]) ** 2
                 towards += normal[axis] * points[point, axis]
-            off[point] = np.sqrt(squared) + (AWAY_DIAMETERS * diameter_mm if towards >= 0 and not is_open else 0.0)
+            off[point] = np.sqrt(squared) + (AWAY_DIAMETERS * diameter_mm if towards >= 0 and not surface.is_open else 0.0)
         facing, conflicts = 0, 0
         for sample in range(SEEN_SAMPLES):
-            _rotate(pose, normals[sample], normal)
-            _rotate(pose, samples[sample], place)
+            _rotate(pose, surface.normals[sample], normal)
+            _rotate(pose, surface.points[sample], place)
             towards = 0.0
             for axis in range(3):
                 place[axis] += pose[axis, 3]

@@ -4,7 +4,7 @@ Fitzgibbon (Robust registration of 2D and 3D point sets, 2003) stores distances 
 nearest sample of the surface, which gives its normal as well.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -20,9 +20,8 @@ OPEN_SHARE = 0.05  # of the surface: if more is only assumed, the model may be h
 THIN_SHARE = 0.5  # of the surface: if the walls behind more of it are thinner than a cell, both of their sides are one to the table
 
 
-@dataclass(frozen=True)
-class NearestSurface:
-    """Samples of a model's surface and a table that finds the nearest one.
+class NearestSurface(NamedTuple):
+    """Samples of a model's surface and a table that finds the nearest one; a tuple, as kernels take it.
 
     Attributes:
         points, normals: (S, 3) samples, mm, model frame; the first K of them are spread as evenly as all.

@@ -29,16 +29,14 @@ from zeroshop_steps.runtime.progress import ProgressReport
 
 TIMEOUT_S = 30.0
 """Without a byte; hosts of weights answer within a few seconds."""
-ATTEMPTS = 3
-PAUSE_S = 3.0  # before another attempt
 
 
 def download(
     url: str,
     path: Path,
     without: str,
-    attempts: int = ATTEMPTS,
-    pause_s: float = PAUSE_S,
+    attempts: int = 3,
+    pause_s: float = 3.0,
     sha256: str | None = None,
     size_bytes: int | None = None,
 ) -> Path:

@@ -19,7 +19,6 @@ from zeroshop_steps.scan.surface_map import GOOD_COSINE, Coverage
 from zeroshop_steps.scan.workspace import Box, Grid
 
 UNKNOWN, SURFACE = 0, 2  # states of cells, beside FREE
-CELLS = 64  # along the longest side of the box
 LEAST_BAND_M = 0.002  # before a measured point, cells count as surface up to this, or up to a cell: sensors are no more exact
 BEHIND_BANDS = 0.7  # and behind it: less, so that walls of two cells have two sides
 FACING_COSINE = 0.2  # a frontier is seen from its free side, up to 78 degrees
@@ -40,7 +39,7 @@ class MeasuredSurface:
             see; None where that is not known.
     """
 
-    def __init__(self, box: Box, least_views: int = 1, cells: int = CELLS, second_eye_m: np.ndarray | None = None) -> None:
+    def __init__(self, box: Box, least_views: int = 1, cells: int = 64, second_eye_m: np.ndarray | None = None) -> None:
         # Measured depth of the table deviates; what is lower than this cannot be told from it.
         cell_m = float((box.high_m - box.low_m).max()) / cells
         self.band_m = max(cell_m, LEAST_BAND_M)

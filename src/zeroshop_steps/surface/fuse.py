@@ -17,6 +17,7 @@ from zeroshop_steps.runtime.open3d_loader import o3d
 from zeroshop_steps.surface.meshing.raw_mesh import OFFSET_VOXELS, extract_mesh, make_tsdf_grid, read_mesh_views, write_raw_mesh
 from zeroshop_steps.surface.meshing.silhouette_offset import fit_to_masks
 from zeroshop_steps.surface.rendering.training_views import TrainingView
+from zeroshop_steps.surface.training.losses import SOLID_ALPHA
 from zeroshop_steps.surface.twodgs.render import RenderView, render_surface_depth
 from zeroshop_steps.surface.twodgs.surfels import Surfels, read_splat_ply
 
@@ -25,8 +26,6 @@ TRUNCATION_VOXELS = 5.0
 SURFACE_REACH = 0.04
 """Surfels within this of a pixel's median depth, in normalized units, belong to the same surface: half of the widest surfel
 (`twodgs.train.SCALE_MAX`)."""
-SOLID_ALPHA = 0.5
-"""Pixels whose accumulated opacity is lower than this have no depth."""
 EXTENT_QUANTILES = (0.01, 0.99)
 """The object's box, whose longest side is divided into voxels, holds the surfels between these quantiles: a few may lie far off."""
 BLOCKS_AT_FIRST = 4_000

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from helpers.solids import as_trimesh
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.networks.trellis.cube_patches import CORNERS, find_patches
 from zeroshop_steps.networks.trellis.flexible_surface import ColoredSurface, CubeFeatures, extract_surface
@@ -90,7 +91,7 @@ def test_any_pattern_of_signs_gives_a_manifold(seed):
     zeros = np.zeros((len(places), 8, 3))
     surface = extract_surface(CubeFeatures(12, places, distances, zeros, zeros, np.zeros((len(places), 21))))
     assert len(surface.faces) > 1000 and (edge_counts(surface.faces) == 2).all()
-    mesh = Mesh(surface.vertices, surface.faces).as_trimesh()
+    mesh = as_trimesh(Mesh(surface.vertices, surface.faces))
     assert mesh.is_watertight and mesh.is_winding_consistent
 
 

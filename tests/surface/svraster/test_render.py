@@ -7,11 +7,11 @@ import pytest
 import torch
 
 from helpers.quick import first
+from voxel_reference import render_reference
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.surface.rendering.tiling import STOP, TILE_PX
 from zeroshop_steps.surface.svraster.octree import CELLS, MAX_LEVEL, Octree
-from zeroshop_steps.surface.svraster.reference import render_reference
 from zeroshop_steps.surface.svraster.render import RenderView, render
 
 WIDTH_PX, HEIGHT_PX = 24, 20

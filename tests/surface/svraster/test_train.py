@@ -10,6 +10,7 @@ import torch
 import trimesh
 
 from helpers.ball import RADIUS, ball_initialization
+from helpers.solids import as_trimesh
 from zeroshop_steps.geometry.cameras.object_crops import ObjectSphere
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
@@ -37,7 +38,7 @@ def detached(voxels: Voxels) -> Voxels:
 
 
 def watertight(mesh: Mesh) -> bool:
-    return mesh.as_trimesh().is_watertight
+    return as_trimesh(mesh).is_watertight
 
 
 @pytest.mark.slow
@@ -53,7 +54,7 @@ def test_training_finds_the_ball_and_its_closed_surface(ball: tuple) -> None:
     field = DensityGrid.from_octree(voxels.octree, voxels.densities.numpy(), border=2)
     depths = [render_depth(voxels, view) for view in views]
     mesh = extract_surface(field, views, depths)
-    main = max(mesh.as_trimesh().split(only_watertight=False), key=lambda part: part.area)
+    main = max(as_trimesh(mesh).split(only_watertight=False), key=lambda part: part.area)
     assert watertight(mesh) and main.volume > 0
     assert np.mean(np.abs(np.linalg.norm(main.vertices, axis=1) - RADIUS)) < 0.06 * RADIUS
 
@@ -117,9 +118,9 @@ def test_no_crack_opens_where_levels_meet() -> None:
     assert field.covered[1:-1, 1:-1, 1:-1].all() and not field.covered[0].any()
     mesh = marching_cubes(np.where(field.covered, field.values, -1.0).astype(np.float32))
     mesh = Mesh(field.points(mesh.vertices), mesh.faces)
-    assert watertight(mesh) and len(mesh.as_trimesh().split()) == 1
+    assert watertight(mesh) and len(as_trimesh(mesh).split()) == 1
     assert np.abs(np.linalg.norm(mesh.vertices, axis=1) - RADIUS).max() < 0.01
-    assert mesh.as_trimesh().volume == pytest.approx(4 / 3 * np.pi * RADIUS**3, rel=0.02)
+    assert as_trimesh(mesh).volume == pytest.approx(4 / 3 * np.pi * RADIUS**3, rel=0.02)
 
 
 def test_a_field_passes_through_the_corners_of_its_finest_leaves() -> None:
@@ -133,8 +134,8 @@ def test_a_field_passes_through_the_corners_of_its_finest_leaves() -> None:
 
 
 def test_half_of_the_light_is_stopped_at_the_half_value() -> None:
-    from zeroshop_steps.surface.svraster.kernels.rasterize import DENSITY_SCALE
-    from zeroshop_steps.surface.svraster.reference import activate
+    from voxel_reference import activate
+    from zeroshop_steps.surface.svraster.kernels.intersection import DENSITY_SCALE
 
     for step in (0.1, 0.0078, 1e-3):
         density = float(activate(torch.tensor(half_opacity_value(step), dtype=torch.float64)))

@@ -8,13 +8,13 @@ import pytest
 import torch
 import torch.nn.functional as F
 
+from helpers.ssim_twin import ssim_map
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.surface.rendering.training_views import TrainingView
 from zeroshop_steps.surface.svraster.settings import VoxelSettings
 from zeroshop_steps.surface.svraster.train import view_loss
 from zeroshop_steps.surface.training import losses
 from zeroshop_steps.surface.training.losses import depth_loss
-from zeroshop_steps.surface.training.ssim import ssim_map
 
 HEIGHT_PX, WIDTH_PX, SAMPLES = 14, 16, 4
 FOCAL_PX = 30.0

@@ -10,7 +10,7 @@ from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.runtime.compute.kernel_devices import has_cuda
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.surface.rendering.tiling import tiles_of
-from zeroshop_steps.surface.twodgs.kernels import project, tiles
+from zeroshop_steps.surface.twodgs.kernels import layout, project, tiles
 from zeroshop_steps.surface.twodgs.kernels.device_lists import list_slots_by_tile
 from zeroshop_steps.surface.twodgs.render import RenderView, render
 from zeroshop_steps.surface.twodgs.renderers import CpuRenderer, CudaRenderer, make_renderer
@@ -97,8 +97,8 @@ def test_lists_by_sorting_are_those_of_the_cpu(seed):
     """Half of the surfels lie at equal depths, where their number decides."""
     view, arrays = make_view(), make_scene(seed)
     arrays[0][::2, 2] = 0.5
-    splats, boxes = np.zeros((SPLATS, project.SPLAT_WIDTH), np.float32), np.empty((SPLATS, 4), np.int32)
-    outlines = np.empty((SPLATS, project.OUTLINE_WIDTH), np.float32)
+    splats, boxes = np.zeros((SPLATS, layout.SPLAT_WIDTH), np.float32), np.empty((SPLATS, 4), np.int32)
+    outlines = np.empty((SPLATS, layout.OUTLINE_WIDTH), np.float32)
     project.project_forward(*arrays, 3, view.camera, WIDTH_PX, 40, view.near, 1, splats, outlines, boxes)
     tile_active = np.array([[True, True], [False, True], [True, True]])
     expected = tiles.list_splats_by_tile(splats, outlines, boxes, tile_active, 1)
@@ -108,7 +108,7 @@ def test_lists_by_sorting_are_those_of_the_cpu(seed):
     across = (right - left)[splat_of]
     tile_of = (top[splat_of] + place // across) * 2 + left[splat_of] + place % across
     given = (torch.from_numpy(array.astype(np.int32)) for array in (expected.blocks, tile_of, splat_of))
-    found = list_slots_by_tile(torch.from_numpy(splats[:, project.ZC]), *given, tile_active.size)
+    found = list_slots_by_tile(torch.from_numpy(splats[:, layout.ZC]), *given, tile_active.size)
     assert len(expected.splat_of) > SPLATS
     for mine, theirs in zip(found, (expected.starts, expected.splat_of, expected.slot_of), strict=True):
         assert np.array_equal(mine.numpy(), theirs)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
+from surfel_reference import render_reference
 from zeroshop_steps.geometry.cameras.pinhole import Camera
-from zeroshop_steps.surface.twodgs.reference import render_reference
 from zeroshop_steps.surface.twodgs.render import RenderView, render, render_surface_depth
 
 WIDTH_PX, HEIGHT_PX = 40, 35

@@ -9,6 +9,7 @@ import torch
 import trimesh
 
 from helpers.ball import FOCAL_PX, RADIUS, SIZE_PX, ball_initialization
+from helpers.ssim_twin import ssim_map
 from zeroshop_steps.geometry.cameras.object_crops import ObjectSphere, fit_object_sphere
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.observation.visual_hull import VisualHull
@@ -17,7 +18,7 @@ from zeroshop_steps.surface.fuse import fuse_depth_maps, render_depth
 from zeroshop_steps.surface.meshing.silhouette_offset import fit_to_masks
 from zeroshop_steps.surface.rendering.training_views import TrainingView
 from zeroshop_steps.surface.training.losses import has_normal, normals_from_depth
-from zeroshop_steps.surface.training.ssim import DeviceDissimilarity, dssim, ssim_map
+from zeroshop_steps.surface.training.ssim import DeviceDissimilarity, dssim
 from zeroshop_steps.surface.training.trainer import ViewPyramid
 from zeroshop_steps.surface.twodgs.settings import SurfelSettings
 from zeroshop_steps.surface.twodgs.surfels import initialize_surfels, read_splat_ply, write_splat_ply

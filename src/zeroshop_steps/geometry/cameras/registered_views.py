@@ -70,8 +70,8 @@ def space_evenly(count: int, most: int) -> list[int]:
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist()
 
 
-def read_views(folder: Path, images: str = "images", masks: str = "masks", sparse: str = "sparse") -> tuple[list[View], SparseModel]:
-    """Read what the register stage writes, or held-out views, whose sub-folders have other names.
+def read_views(folder: Path, sparse: str = "sparse") -> tuple[list[View], SparseModel]:
+    """Read what the register stage writes; the folder of its cameras may have another name.
 
     Returns:
         views: one for each registered image, sorted by name.
@@ -84,9 +84,9 @@ def read_views(folder: Path, images: str = "images", masks: str = "masks", spars
     passes = read_passes(folder)
     views = []
     for camera in model.cameras:
-        mask = folder / masks / (Path(camera.name).stem + ".png")
-        mask_path = mask if (folder / masks).is_dir() else None
-        views.append(View(camera, folder / images / camera.name, mask_path, pass_number=passes.get(camera.name, 1)))
+        mask = folder / "masks" / (Path(camera.name).stem + ".png")
+        mask_path = mask if (folder / "masks").is_dir() else None
+        views.append(View(camera, folder / "images" / camera.name, mask_path, pass_number=passes.get(camera.name, 1)))
     return views, model
 
 

@@ -3,12 +3,8 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-if TYPE_CHECKING:
-    import trimesh  # takes a second to import, so steps import it only where they need it
 
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
@@ -128,12 +124,6 @@ class Mesh:
         """(F, 3) normals of the faces, as long as twice their areas."""
         corners = self.vertices[self.faces]
         return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-
-    def as_trimesh(self) -> "trimesh.Trimesh":
-        """The geometry alone; vertices are not merged."""
-        import trimesh
-
-        return trimesh.Trimesh(self.vertices, self.faces, process=False)
 
 
 def _header(vertices: int, types: Mapping[str, str], faces: int, comments: Iterable[str] = ()) -> list[str]:

@@ -1,6 +1,6 @@
 """The plane under a reconstructed object, fitted to sparse points; or else the up direction, from how the cameras were held."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from zeroshop_steps.geometry.cameras.viewpoints import spread_over_sphere
 
 # Lengths are shares of the object's diagonal.
 # All were set by hand, and checked on all virtual objects and on tilted cameras (tests/finish/test_frame.py).
-TRIALS = 2000  # of RANSAC; finds a plane with 15 % of the points at least once with 99.9 % probability
+TRIALS = 3000  # of RANSAC; finds a plane with 15 % of the points at least once with 99.99 % probability
 SMALLEST_TRIANGLE = 1e-6  # three points that span less than this (scale squared) lie on a line and give no plane
 NEAR_DIAGONALS = 3.0  # points farther from the object belong to the room, not to its support
 THRESHOLD_DIAGONALS = 0.01  # inliers lie this close to the plane
@@ -95,7 +95,7 @@ def count_showing_masks(points: np.ndarray, cameras: Iterable[Camera], masks: It
     return shown, held
 
 
-def fit_support_plane(points: np.ndarray, vertices: np.ndarray, views: list[View], seed: int = 0) -> SupportPlane | None:
+def fit_support_plane(points: np.ndarray, vertices: np.ndarray, views: list[View]) -> SupportPlane | None:
     """Fit the plane under the object; None where the points do not support any.
 
     RANSAC (Fischler and Bolles 1981), then reweighted total least squares with Tukey's weights. A candidate must have the
@@ -107,7 +107,6 @@ def fit_support_plane(points: np.ndarray, vertices: np.ndarray, views: list[View
         points: (P, 3) background points in the registration's frame.
         vertices: (V, 3) of the object's mesh.
         views: all registered views.
-        seed: of RANSAC.
     """
     low, high = np.quantile(vertices, [0.01, 0.99], axis=0)
     # The diagonal of the box, evenly filled, that has the vertices' standard deviations: stray parts hardly change it.
@@ -115,14 +114,14 @@ def fit_support_plane(points: np.ndarray, vertices: np.ndarray, views: list[View
     near = points[np.linalg.norm(points - centre, axis=1) < NEAR_DIAGONALS * diagonal]
     if len(near) < MIN_INLIERS:
         return None
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     vertices = vertices[rng.choice(len(vertices), min(VERTICES, len(vertices)), replace=False)]
     cameras = np.array([view.camera.centre_in_world for view in views])
     up, certainty = estimate_up_from_roll(views)
     best: dict[bool, tuple[np.ndarray, float]] = {}
     best_score = {True: 0.0, False: 0.0}
-    for point, scaled_normal, length in sample_planes(near, TRIALS, diagonal, rng):
-        normal, offset = _orient(scaled_normal / length, float(point @ scaled_normal / length), centre)
+    for candidate in zip(*sample_planes(near, diagonal, rng), strict=True):
+        normal, offset = _orient(*candidate, centre)
         distance = np.abs(near @ normal - offset) / (THRESHOLD_DIAGONALS * diagonal)
         score = np.clip(1.0 - distance**2, 0.0, None).sum()
         upright = bool(certainty < MIN_CERTAINTY or normal @ up > np.cos(np.radians(MAX_ROLL_ANGLE_DEG)))
@@ -139,26 +138,17 @@ def fit_support_plane(points: np.ndarray, vertices: np.ndarray, views: list[View
     return plane if level or plane.inliers >= FEW_INLIERS else None
 
 
-def sample_planes(
-    points: np.ndarray, trials: int, scale: float, rng: np.random.Generator
-) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
-    """Candidates for RANSAC: planes through three random points.
+def sample_planes(points: np.ndarray, scale: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Candidates for RANSAC: (N, 3) unit normals and (N,) offsets of planes through three random points of (P, 3), but for those on a line.
 
-    Args:
-        points: (P, 3) to choose from.
-        trials: number of draws; those of three points on a line give no candidate.
-        scale: size of the scene, in the points' unit.
-        rng: for the draws.
-
-    Yields:
-        (3,) a point of the plane, (3,) its normal, and the length of that normal, which is not 1.
+    scale: size of the scene, in the points' unit.
     """
-    for _ in range(trials):
-        a, b, c = points[rng.choice(len(points), 3, replace=False)]
-        normal = np.cross(b - a, c - a)
-        length = float(np.linalg.norm(normal))
-        if length >= SMALLEST_TRIANGLE * scale**2:
-            yield a, normal, length
+    a, b, c = points[rng.integers(len(points), size=(TRIALS, 3))].transpose(1, 0, 2)
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1)
+    spans = lengths >= SMALLEST_TRIANGLE * scale**2
+    normals = normals[spans] / lengths[spans, None]
+    return normals, (a[spans] * normals).sum(1)
 
 
 def estimate_up_from_roll(views: list[View]) -> tuple[np.ndarray, float]:

@@ -7,19 +7,24 @@ import numpy as np
 from zeroshop_steps.geometry.cameras.pinhole import Camera, SparseModel
 from zeroshop_steps.geometry.cameras.ray_convergence import find_nearest_point
 from zeroshop_steps.geometry.cameras.registered_views import View
-from zeroshop_steps.geometry.support.ground_plane import FEW_INLIERS, REFINEMENT_ROUNDS, SMALLEST_TRIANGLE, Plane, propose_ups
+from zeroshop_steps.geometry.support.ground_plane import (
+    CAMERAS_ABOVE_SHARE,
+    FEW_INLIERS,
+    MIN_INLIERS,
+    REFINEMENT_ROUNDS,
+    Plane,
+    propose_ups,
+    sample_planes,
+)
 from zeroshop_steps.runtime.errors import StepError
 
 # Lengths are shares of the cameras' median distance from the focus.
 # All were set by hand, and checked on the kitchen photos, the DTU skull and virtual scenes.
-TRIALS = 3000  # of RANSAC; finds a plane with 15 % of the points at least once with 99.99 % probability
 NEAR_DISTANCES = 0.6  # points farther from the focus belong to the room, not to the support
 THRESHOLD_DISTANCES = 0.004  # inliers lie this close to the plane: 2 mm for cameras at 0.5 m
 BELOW_DISTANCES = 0.3  # within this horizontal distance from the focus, nothing may lie below the support
 BELOW_THRESHOLDS = 2.0  # a point this many thresholds below a candidate speaks against it
 MAX_TILT_DEG = 40.0  # between the plane's normal and the cameras' up, which is only roughly known; steeper planes are walls
-CAMERAS_ABOVE_SHARE = 0.9  # of the cameras at least are above the support
-MIN_INLIERS = 40  # fewer points are a plane by chance
 OBJECT_DISTANCES = 0.22  # the radius of an object that fills most of the photos' height
 AROUND_SHARE = 0.15  # of the inliers lie beyond it; a plane without them is a flat side of the object itself
 RISEN = 0.012  # a plane lies below another one by at least this
@@ -140,21 +145,12 @@ def measure_aside(points: np.ndarray, focus: np.ndarray, normal: np.ndarray) -> 
 def _sample_upright_planes(
     points: np.ndarray, up: np.ndarray, centres: np.ndarray, scale: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Those of `_sample_planes` that are about level where (3,) is up, with nearly all (N, 3) camera centres above them."""
-    normals, offsets = _sample_planes(points, up, scale, rng)
+    """Planes through three points, normals upwards, that are about level where (3,) is up, with most (N, 3) camera centres above them."""
+    normals, offsets = sample_planes(points, scale, rng)
+    signs = np.where(normals @ up > 0, 1.0, -1.0)
+    normals, offsets = normals * signs[:, None], offsets * signs
     upright = (normals @ up >= np.cos(np.radians(MAX_TILT_DEG))) & ((centres @ normals.T > offsets).mean(0) >= CAMERAS_ABOVE_SHARE)
     return normals[upright], offsets[upright]
-
-
-def _sample_planes(points: np.ndarray, up: np.ndarray, scale: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 3) unit normals, upwards, and (N,) offsets of planes through three random points of (P, 3), but for those on a line."""
-    a, b, c = points[rng.integers(len(points), size=(TRIALS, 3))].transpose(1, 0, 2)
-    normals = np.cross(b - a, c - a)
-    lengths = np.linalg.norm(normals, axis=1)
-    spans = lengths >= SMALLEST_TRIANGLE * scale**2
-    normals = normals[spans] / lengths[spans, None]
-    normals *= np.where(normals @ up > 0, 1.0, -1.0)[:, None]
-    return normals, (a[spans] * normals).sum(1)
 
 
 def _score(

@@ -17,7 +17,6 @@ SIZES = ".json"
 STRIDES = (8, 16, 32)  # of the three sizes, in pixels
 BINS = 16  # in which the distance of a side of a box from its cell is told, in strides
 PROTOTYPES = 32  # of masks, which a box mixes
-NORM_EPSILON = 1e-3
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ class Convolution(nn.Module):
     def __init__(self, channels: int, out: int, kernel: int = 1, stride: int = 1) -> None:
         super().__init__()
         self.conv = nn.Conv2d(channels, out, kernel, stride, kernel // 2, bias=False)
-        self.bn = nn.BatchNorm2d(out, eps=NORM_EPSILON)
+        self.bn = nn.BatchNorm2d(out, eps=1e-3)
 
     def forward(self, x: Tensor) -> Tensor:
         return F.silu(self.bn(self.conv(x)))

@@ -30,7 +30,6 @@ LEAST_MATCHES = 30  # of a pair; pairs with fewer are left out
 TYPICAL_SHARE = 0.99
 """Of the median confidence: pixels above it count for the size of a picture. Less than 1, so that some are left where all are alike."""
 EVERY = 7  # of the surer half of the pixels, only each so many-th takes part in the first similarity, to save time
-FOCAL_ROUNDS = 20  # of reweighting for the focal length
 LEAST_ERROR_PX = 0.1  # smaller errors weigh no more, so that no pixel decides alone
 COARSE_MATCHES, FINE_MATCHES = 4000, 8000
 """The most matches that take part in a stage; of more, evenly spread ones are taken."""
@@ -74,25 +73,24 @@ class Alignment:
     scale_deviation: float
 
 
-def align_images(predictor: PairPredictor, min_confidence: float, subsampling: int = 8) -> Alignment:
+def align_images(predictor: PairPredictor, min_confidence: float) -> Alignment:
     """Align all pictures of a predictor.
 
     Args:
         predictor: the network with two pictures or more.
         min_confidence: of the features of a match.
-        subsampling: pixels from one start of a match to the next.
 
     Raises:
         StepError: a picture matches no other.
     """
     count = len(predictor.framings)
-    canonical, relative, matches = _predict_all_pairs(predictor, count, min_confidence, subsampling)
+    canonical, relative, matches = _predict_all_pairs(predictor, count, min_confidence)
     start = _chain_pairs(relative, matches, count)
     return _optimize(canonical, matches, start)
 
 
 def _predict_all_pairs(
-    predictor: PairPredictor, count: int, min_confidence: float, subsampling: int
+    predictor: PairPredictor, count: int, min_confidence: float
 ) -> tuple[list[CanonicalView], dict[tuple[int, int], np.ndarray], dict[tuple[int, int], Matches]]:
     """Canonical points of all pictures, similarities first_from_second, and matches, of all ordered pairs."""
     points: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in range(count)]
@@ -104,7 +102,7 @@ def _predict_all_pairs(
             maps = [(side.points[0].double().cpu().numpy(), side.confidence[0].double().cpu().numpy()) for side in sides]
             points[first].append(maps[0])
             other[first, second] = maps[1]
-            found = match_pair(*sides, min_confidence, subsampling)
+            found = match_pair(*sides, min_confidence)
             if len(found.confidence) >= LEAST_MATCHES:
                 matches[first, second] = found
             report.advance()
@@ -122,7 +120,7 @@ def _predict_all_pairs(
     return canonical, relative, matches
 
 
-def estimate_focal_px(points: np.ndarray, confidence: np.ndarray, rounds: int = FOCAL_ROUNDS) -> float:
+def estimate_focal_px(points: np.ndarray, confidence: np.ndarray, rounds: int = 20) -> float:
     """The focal length in pixels that best explains (height, width, 3) points about the middle of the picture, robustly (Weiszfeld)."""
     height, width = confidence.shape
     columns, rows = np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)

@@ -7,14 +7,13 @@ from typing import Protocol
 
 import torch
 
-from zeroshop_steps.networks.devices import MemoryNeeds, check_memory, fits_in_memory, run_network
+from zeroshop_steps.networks.devices import PROCESS_BYTES, MemoryNeeds, check_memory, fits_in_memory, run_network
 from zeroshop_steps.networks.mast3r.framing import LONG_SIDE_PX, Framing, fit_framing_of_file, load_picture
 from zeroshop_steps.networks.mast3r.model import PATCH_PX, ImagePrediction, MASt3R, Mast3rSettings
 from zeroshop_steps.runtime.progress import track
 
 NAME = "MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth"
 SMALLEST_SIDE_PX = 224  # where memory is short, the pictures are made no smaller than this
-RUNTIME_BYTES = 300_000_000  # Python and PyTorch themselves
 BYTES_A_PIXEL = 2000
 """Of a pair, at the peak in the heads; 1430 were measured."""
 
@@ -23,7 +22,7 @@ def predict_peak_bytes(parameters: int, framings: Sequence[Framing], configurati
     """Memory at the peak: the weights (with `half`, also in half precision), the tokens of all pictures, and one pair in the heads."""
     tokens = sum(framing.width_px * framing.height_px for framing in framings) // PATCH_PX**2
     pixels = sorted((framing.width_px * framing.height_px for framing in framings), reverse=True)[:2]
-    return RUNTIME_BYTES + (6 if half else 4) * parameters + 4 * tokens * configuration.encoder_channels + BYTES_A_PIXEL * sum(pixels)
+    return PROCESS_BYTES + (6 if half else 4) * parameters + 4 * tokens * configuration.encoder_channels + BYTES_A_PIXEL * sum(pixels)
 
 
 class PairPredictor(Protocol):

@@ -9,7 +9,6 @@ from torch import Tensor
 from zeroshop_steps.networks.mast3r.model import ImagePrediction
 
 SUBSAMPLING = 8  # pixels from one start of a match to the next
-ROUNDS = 10  # of going there and back, at most
 TILE = {"cpu": (64, 1 << 14), "cuda": (1 << 12, 1 << 15)}
 """Queries and features that are compared at a time: what a processor's cache holds, or what keeps a GPU busy."""
 
@@ -56,7 +55,7 @@ def make_start_grid(height: int, width: int, subsampling: int, device: torch.dev
     return (rows[:, None] * width + columns).flatten()
 
 
-def find_reciprocal(first: Tensor, second: Tensor, at: Tensor, rounds: int = ROUNDS) -> Tensor:
+def find_reciprocal(first: Tensor, second: Tensor, at: Tensor, rounds: int = 10) -> Tensor:
     """Go from features `at` of the first to their nearest of the second and back until the way there and back is the same.
 
     Args:

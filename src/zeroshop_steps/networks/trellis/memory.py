@@ -2,13 +2,11 @@
 
 import torch
 
-from zeroshop_steps.networks.devices import MemoryNeeds
+from zeroshop_steps.networks.devices import PROCESS_BYTES, MemoryNeeds
 from zeroshop_steps.networks.trellis.decoders import MeshDecoder, StructureDecoder
 from zeroshop_steps.networks.trellis.flows import LatentFlow, StructureFlow
 from zeroshop_steps.networks.trellis.settings import TrellisSettings
 
-VALUE_BYTES = 4
-BASE_BYTES = 700_000_000  # Python, PyTorch and the libraries that compare with the photos
 SURFACE_SHARE = 0.125
 """Of the coarse grid, the most voxels that are surface: 32,768 of 64^3, the most that the networks were trained with."""
 DECODED_WIDTHS = 4.0
@@ -38,6 +36,6 @@ def predict_memory(settings: TrellisSettings) -> MemoryNeeds:
     }
     counts = {name: sum(parameter.numel() for parameter in network.parameters()) for name, network in networks.items()}
     largest = max(networks, key=lambda name: counts[name] + values[name])
-    peak = BASE_BYTES + int(VALUE_BYTES * (counts[largest] + values[largest]))
+    peak = PROCESS_BYTES + int(torch.float32.itemsize * (counts[largest] + values[largest]))
     instead = "run less beside it, use --device cpu on a machine with more memory, or the surface methods 2dgs or svraster"
     return MemoryNeeds(peak, f"Trellis, whose largest part is its {largest.replace('_', ' ')},", instead)

@@ -7,15 +7,13 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from zeroshop_steps.networks.devices import RESERVE, MemoryNeeds, check_memory, measure_free_bytes
+from zeroshop_steps.networks.devices import PROCESS_BYTES, RESERVE, MemoryNeeds, check_memory, measure_free_bytes
 from zeroshop_steps.networks.foundationpose.model import RefineNet, ScoreNet, load_network
 from zeroshop_steps.networks.foundationpose.onnx_pairs import OnnxPairs
 from zeroshop_steps.pose.foundationpose.crops import CropPairs
 
-BASE_BYTES = 800_000_000
-"""Of Python, PyTorch, a photo of 640 x 480 px with depth, and the rasterizer; measured."""
-WEIGHTS_BYTES = 140_000_000
-"""Of both networks."""
+NETWORKS_BYTES = 240_000_000
+"""Of both networks, a photo of 640 x 480 px with depth, and the rasterizer; measured."""
 PAIR_BYTES = 20_000_000
 """That one pair of crops takes at the peak of a network, in float32 on a processor; the most of several measurements."""
 MOST_PAIRS = {"cpu": 16, "cuda": 252}
@@ -82,7 +80,7 @@ class OnnxNetworks:
 
 def predict_peak_bytes(pairs: int) -> int:
     """The most memory that a run takes whose networks see so many pairs at once."""
-    return BASE_BYTES + WEIGHTS_BYTES + pairs * PAIR_BYTES
+    return PROCESS_BYTES + NETWORKS_BYTES + pairs * PAIR_BYTES
 
 
 def choose_batch(device: torch.device, least: int = 1) -> int:

@@ -21,7 +21,7 @@ from zeroshop_steps.detect.detector_io import warn_of_plain_models
 from zeroshop_steps.detect.templates import Templates, read_templates
 from zeroshop_steps.geometry.alignment.surface_distance import sample_surface
 from zeroshop_steps.geometry.meshes.units import MM_PER_M
-from zeroshop_steps.networks.devices import DEVICES, MemoryNeeds, check_memory, choose_device, run_network
+from zeroshop_steps.networks.devices import DEVICES, PROCESS_BYTES, MemoryNeeds, check_memory, choose_device, run_network
 from zeroshop_steps.networks.sam6d.embedding import BALL_CHANNELS, BALLS
 from zeroshop_steps.networks.sam6d.model import NAME, SIZES, KnownObject, Sam6dPem, load_sam6d_pem
 from zeroshop_steps.networks.sam6d.points import sample_farthest
@@ -32,8 +32,7 @@ from zeroshop_steps.runtime.progress import track
 
 MODEL_POINTS = 1024  # of the whole surface, near which the image's points must lie
 LEAST_SCORE = 0.25  # of a detection; those with less are not looked at
-RUNTIME_BYTES = 600_000_000  # Python, PyTorch and the pictures
-GROUP_COPIES, PAIR_COPIES = 5, 6  # of the largest arrays that are there at once; 1.6 GB were measured, 1.8 GB are foreseen
+GROUP_COPIES, PAIR_COPIES = 5, 6  # of the largest arrays that are there at once; 1.6 GB were measured, 1.9 GB are foreseen
 
 METHOD = {
     "title": "SAM-6D PEM",
@@ -92,7 +91,7 @@ def predict_memory(network: Sam6dPem, objects: int) -> MemoryNeeds:
     known = objects * (settings.dense_points * (settings.features + 3) + 3 * MODEL_POINTS)
     grouped = settings.dense_points * sum(count for _, count in BALLS) * BALL_CHANNELS[-1]
     pairs = (settings.sparse_points + 1) ** 2 * settings.channels
-    peak = RUNTIME_BYTES + 4 * (parameters + known + GROUP_COPIES * grouped + PAIR_COPIES * pairs)
+    peak = PROCESS_BYTES + 4 * (parameters + known + GROUP_COPIES * grouped + PAIR_COPIES * pairs)
     return MemoryNeeds(peak, f"SAM-6D's pose estimation of {objects} objects", "free memory, or use render_compare, which needs 3 GB")
 
 

@@ -14,7 +14,6 @@ from zeroshop_steps.scan.workspace import Box
 ROLLS_RAD = (0.0, np.pi)
 """Of the camera about its axis. A photo that is upside down is turned when it is recorded; one on its side would have another shape."""
 STARTS = 12  # of the inverse kinematics for each pose
-SEED = 0
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,7 @@ class ArmReach:
             rolls[:, :3, :3] = Rotation.from_rotvec(np.outer(ROLLS_RAD, [0.0, 0.0, 1.0])).as_matrix()
             flange_from_camera = np.linalg.inv(self.hand.flange_from_camera)
             wanted = self._base_from_world @ world_from_cameras[missing][:, None] @ rolls @ flange_from_camera
-            found = solve_poses(self.arm, wanted.reshape(-1, 4, 4), STARTS, np.random.default_rng(SEED))
+            found = solve_poses(self.arm, wanted.reshape(-1, 4, 4), STARTS, np.random.default_rng(0))
             clear = [postures[self.check.is_clear(postures)] if len(postures) else postures for postures in found]
             for place, index in enumerate(missing):
                 self._known[keys[index]] = clear[place * len(ROLLS_RAD) : (place + 1) * len(ROLLS_RAD)]

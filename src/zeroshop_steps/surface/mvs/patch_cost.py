@@ -19,8 +19,6 @@ FX, FY, CX, CY = 12, 13, 14, 15
 """Where a camera's row holds its intrinsics, in pixels."""
 NEIGHBOURS = 6
 """Views that each view is compared with, at most."""
-BEST_VIEWS = 2
-"""The cost of a plane is the mean over this many of its best neighbours: some neighbours are always occluded."""
 PATCH_STEPS = 3
 PATCH_SPACING_PX = 3
 """A patch is sampled at (2 * 3 + 1)^2 points, three pixels apart."""
@@ -233,7 +231,7 @@ def _depth_cost(row, other, depth, normal, y, x, u, v):
 
 @numba.njit(cache=True, forceinline=True, fastmath=True)
 def plane_cost(index, scene, found_depth, found_normal, y, x, patch, weight, mean, variance, places, dx, dy, z, nx, ny, nz, limit):
-    """The mean cost of a plane over its best neighbouring views, or COST_MAX where that is not below `limit`.
+    """The mean cost of a plane over its two best neighbouring views (some are occluded), or COST_MAX where that is not below `limit`.
 
     Colours and the other views' depths are cheap to compare, and bound a view's cost from below, since a correlation only adds
     to it. The views are correlated in the order of their bounds, until no other view can change the result.

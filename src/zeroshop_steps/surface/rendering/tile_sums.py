@@ -1,8 +1,14 @@
-"""Sums over the pixels of a tile in the CUDA kernels of both renderers: in shared memory, in fixed order and without atomics."""
+"""Sums over the pixels of a tile, in fixed order and without atomics, so that they have the same bytes every run."""
 
 import numba
+import numpy as np
 
-from zeroshop_steps.surface.rendering.tiling import TILE_PX
+from zeroshop_steps.surface.rendering.tiling import LANES, TILE_PX, ZERO
+
+SHARED_ROWS = 64
+"""Rows of primitives that a block of a CUDA kernel reads into shared memory at once."""
+NO_MAXIMUM = -1
+"""In place of the number of the row whose maximum is asked for: all are summed."""
 
 
 @numba.njit(inline="always")
@@ -13,3 +19,20 @@ def fold_row(values, column, first, largest):
         value = values[column, first + k]
         total = max(total, value) if column == largest else total + value
     return total
+
+
+@numba.njit(cache=True, forceinline=True, fastmath=True)
+def take_sums(sums, largest, totals):
+    """Fill totals (K,) with the sums, in number `largest` the maximum, of the lanes of a block in sums (16 K,); leaves zeros there."""
+    for column in range(len(totals)):
+        first = np.uint64(column * LANES)
+        total = ZERO
+        if column == largest:
+            for lane in range(np.uint64(LANES)):
+                total = max(total, sums[first + lane])
+        else:
+            for lane in range(np.uint64(LANES)):
+                total += sums[first + lane]
+        for lane in range(np.uint64(LANES)):
+            sums[first + lane] = ZERO
+        totals[column] = total

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
-from zeroshop_steps.surface.svraster.kernels.rasterize import DENSITY_SCALE, LINEAR_FROM
+from zeroshop_steps.surface.svraster.kernels.intersection import DENSITY_SCALE, LINEAR_FROM
 from zeroshop_steps.surface.svraster.octree import CELLS, Octree
 
 

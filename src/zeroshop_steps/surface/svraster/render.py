@@ -5,7 +5,7 @@ from typing import Any
 
 import torch
 
-from zeroshop_steps.surface.svraster.kernels import rasterize
+from zeroshop_steps.surface.svraster.kernels import layout
 from zeroshop_steps.surface.svraster.kernels.render_view import RenderView
 from zeroshop_steps.surface.svraster.octree import Octree
 from zeroshop_steps.surface.svraster.renderers import CpuRenderer, Renderer
@@ -67,7 +67,7 @@ class _Blend(torch.autograd.Function):
     @staticmethod
     def backward(context: Any, *gradients: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
         drawn, view, statistics, renderer = context.kept
-        gradient = drawn.image.new_zeros((rasterize.GRAD_PLANES, *drawn.image.shape[1:]))
+        gradient = drawn.image.new_zeros((layout.GRAD_PLANES, *drawn.image.shape[1:]))
         for part, by_part in zip(PARTS, gradients, strict=True):
             if by_part is not None:
                 gradient[part][..., : view.height_px, : view.width_px] = by_part

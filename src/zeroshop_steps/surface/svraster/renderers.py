@@ -10,12 +10,12 @@ import torch
 from zeroshop_steps.surface.rendering.device_arrays import THREADS, blocks_of_threads, choose_kernels, tensor_device, to_kernel
 from zeroshop_steps.surface.rendering.sorted_lists import invert_order, sort_into_groups
 from zeroshop_steps.surface.rendering.tiling import TILE_PX
-from zeroshop_steps.surface.svraster.kernels import project, rasterize, rasterize_backward, tiles
+from zeroshop_steps.surface.svraster.kernels import layout, project, rasterize, rasterize_backward, tiles
 from zeroshop_steps.surface.svraster.kernels.render_view import RenderView
 from zeroshop_steps.surface.svraster.octree import Octree
 
-VOXELS_A_BLOCK = 8
-"""Of the CUDA kernel that sums gradients: times the width of a row, these are `device_arrays.THREADS`."""
+VOXELS_A_BLOCK = THREADS // layout.GRADIENT_WIDTH
+"""Of the CUDA kernel that sums gradients."""
 
 
 @dataclass(frozen=True)
@@ -69,13 +69,13 @@ class CpuRenderer:
         """See `Renderer`."""
         arrays = densities.detach().contiguous().numpy(), sh.detach().contiguous().numpy()
         workers, (tiles_y, tiles_x) = numba.get_num_threads(), view.tile_shape
-        rows, boxes = np.empty((len(octree), project.ROW_WIDTH), np.float32), np.empty((len(octree), 4), np.int32)
+        rows, boxes = np.empty((len(octree), layout.ROW_WIDTH), np.float32), np.empty((len(octree), 4), np.int32)
         project.project_forward(
             octree.centres, octree.sizes, octree.corners, *arrays, degree,
             view.camera, view.width_px, view.height_px, view.near, workers, rows, boxes,
         )  # fmt: skip
         lists = tiles.list_voxels_by_tile(view.tile_octants, octree.orders, boxes)
-        image = np.zeros((rasterize.OUT_PLANES, tiles_y * TILE_PX, tiles_x * TILE_PX), np.float32)
+        image = np.zeros((layout.OUT_PLANES, tiles_y * TILE_PX, tiles_x * TILE_PX), np.float32)
         blocks = np.empty(len(lists.voxel_of), np.uint16)
         rasterize.blend_forward(
             rows, boxes, view.camera, view.tile_octants.tiles, view.tile_octants.octants, lists.pairs, lists.starts, lists.voxel_of,
@@ -87,7 +87,7 @@ class CpuRenderer:
         """See `Renderer`."""
         (densities, sh), octree, degree, view, blocks, rows, _, lists = drawn.kept
         workers = numba.get_num_threads()
-        by_row, seen = np.empty((len(octree), project.GRADIENT_WIDTH), np.float32), np.empty(len(octree), np.bool_)
+        by_row, seen = np.empty((len(octree), layout.GRADIENT_WIDTH), np.float32), np.empty(len(octree), np.bool_)
         rasterize_backward.blend_backward(
             rows, view.camera, view.tile_octants.tiles, view.tile_octants.octants, lists.pairs, lists.starts, lists.voxel_of, lists.slot_of,
             lists.slot_starts, view.tile_shape[1], workers, drawn.image.numpy(), blocks, gradient.numpy(), by_row, seen,
@@ -96,7 +96,7 @@ class CpuRenderer:
         project.project_backward(octree.centres, degree, view.camera, workers, rows, seen, by_row, by_corner, by_sh)
         by_density = np.empty_like(densities)
         project.gather_corners(*octree.corner_uses, by_corner.ravel(), by_density)
-        outputs = by_density, by_sh, by_row[:, project.G_WEIGHT], by_row[:, project.G_PRIORITY]
+        outputs = by_density, by_sh, by_row[:, layout.G_WEIGHT], by_row[:, layout.G_PRIORITY]
         return Gradients(*map(torch.from_numpy, outputs))
 
 
@@ -126,7 +126,7 @@ class CudaRenderer:
         densities, sh = densities.detach().contiguous(), sh.detach().contiguous()
         leaves, on, count = self._send(octree), view.on(self.device), len(octree)
         (tiles_y, tiles_x), pairs = view.tile_shape, len(view.tile_octants.tiles)
-        rows, boxes = self._zeros(count, project.ROW_WIDTH), self._zeros(count, 4, dtype=torch.int32)
+        rows, boxes = self._zeros(count, layout.ROW_WIDTH), self._zeros(count, 4, dtype=torch.int32)
         per_voxel = self._zeros(count, dtype=torch.int32)
         self._projection.project[blocks_of_threads(count), THREADS](
             *map(to_kernel, (*leaves[:3], densities, sh)), degree, to_kernel(on.camera), view.width_px, view.height_px, view.near,
@@ -140,7 +140,7 @@ class CudaRenderer:
         ranks = leaves.ranks[on.octants[pair_of.long()], voxel_of.long()]
         starts, order = sort_into_groups(pair_of.long(), ranks, max(count, 1), pairs)
         drawing = (rows, boxes, on.camera, on.tiles, on.octants, on.of_pixel, starts, voxel_of[order])
-        image = self._zeros(rasterize.OUT_PLANES, tiles_y * TILE_PX, tiles_x * TILE_PX)
+        image = self._zeros(layout.OUT_PLANES, tiles_y * TILE_PX, tiles_x * TILE_PX)
         if pairs:
             self._kernels.blend_forward[pairs, (TILE_PX, TILE_PX)](*map(to_kernel, drawing), tiles_x, to_kernel(image))
         return Drawn(image, (densities, sh, octree, degree, view, drawing, order.int(), slot_starts))
@@ -150,12 +150,12 @@ class CudaRenderer:
         densities, sh, octree, degree, view, drawing, slot_of, slot_starts = drawn.kept
         leaves, count, pairs = self._send(octree), len(octree), len(view.tile_octants.tiles)
         rows, boxes, camera = drawing[:3]
-        slots, by_row = self._zeros(len(slot_of), project.GRADIENT_WIDTH), self._zeros(count, project.GRADIENT_WIDTH)
+        slots, by_row = self._zeros(len(slot_of), layout.GRADIENT_WIDTH), self._zeros(count, layout.GRADIENT_WIDTH)
         if pairs:
             self._kernels.blend_backward[pairs, (TILE_PX, TILE_PX)](
                 *map(to_kernel, (*drawing, slot_of)), view.tile_shape[1], *map(to_kernel, (drawn.image, gradient, slots))
             )
-        self._projection.sum_slots[(-(-count // VOXELS_A_BLOCK) or 1, 1), (VOXELS_A_BLOCK, project.GRADIENT_WIDTH)](
+        self._projection.sum_slots[(-(-count // VOXELS_A_BLOCK) or 1, 1), (VOXELS_A_BLOCK, layout.GRADIENT_WIDTH)](
             to_kernel(slots), to_kernel(slot_starts), count, to_kernel(by_row)
         )
         by_corner, by_sh, by_density = self._zeros(count, 8), torch.zeros_like(sh), torch.zeros_like(densities)
@@ -165,7 +165,7 @@ class CudaRenderer:
         self._projection.gather_corners[blocks_of_threads(len(densities)), THREADS](
             *map(to_kernel, (leaves.use_starts, leaves.uses, by_corner.view(-1))), len(densities), to_kernel(by_density)
         )
-        return Gradients(by_density, by_sh, by_row[:, project.G_WEIGHT], by_row[:, project.G_PRIORITY])
+        return Gradients(by_density, by_sh, by_row[:, layout.G_WEIGHT], by_row[:, layout.G_PRIORITY])
 
     def _send(self, octree: Octree) -> DeviceOctree:
         """The tree on the device, where it is kept until another one is drawn: training changes it a few times only."""

@@ -14,7 +14,7 @@ from zeroshop_steps.surface.svraster.settings import VoxelSettings
 from zeroshop_steps.surface.svraster.subdivide import VoxelMeter, prune_and_subdivide
 from zeroshop_steps.surface.svraster.voxels import Voxels
 from zeroshop_steps.surface.training.initialization import Initialization
-from zeroshop_steps.surface.training.losses import has_normal, image_losses, normal_mismatch, normals_from_depth
+from zeroshop_steps.surface.training.losses import SOLID_ALPHA, has_normal, image_losses, normal_mismatch, normals_from_depth
 from zeroshop_steps.surface.training.trainer import Trainer, ViewPyramid
 
 LEARNING_RATES = {"densities": 0.1, "sh_constant": 0.01, "sh_rest": 0.01 / 20}
@@ -26,8 +26,6 @@ SPLIT_PX = 1.5
 """A leaf whose edge covers fewer pixels than this has nothing to gain from being split."""
 RATE_FALL = 0.1
 """The learning rate at the end, as a share of that at the beginning; it falls exponentially."""
-SOLID_ALPHA = 0.5
-"""Normals are compared where the accumulated opacity is larger than this."""
 
 
 def view_loss(rendering: Rendering, view: TrainingView, settings: VoxelSettings, with_normals: bool) -> dict[str, torch.Tensor]:

@@ -8,6 +8,9 @@ import torch.nn.functional as F
 from zeroshop_steps.surface.rendering.training_views import TrainingView
 from zeroshop_steps.surface.training.ssim import dssim
 
+SOLID_ALPHA = 0.5
+"""Accumulated opacity from which a pixel shows a surface, which has depth and normal."""
+
 
 class RenderedImages(Protocol):
     """The part of a rendering that every optimizer has: sums over the blending weights, not divided by the opacity.

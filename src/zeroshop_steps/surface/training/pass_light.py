@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from zeroshop_steps.surface.rendering.training_views import TrainingView
-from zeroshop_steps.surface.training.losses import RenderedImages
+from zeroshop_steps.surface.training.losses import SOLID_ALPHA, RenderedImages
 
 MEMORY = 0.97
 """Share of what was learned that stays when another view comes: the model changes while it is trained."""
@@ -26,8 +26,6 @@ STRIDE_PX = 3
 """The light is fitted to every third pixel of every third row."""
 CAUTION = 1e-3
 """Weight of the wish for the same light, as a share of a view's pixels: for normals that no view shows."""
-SOLID_ALPHA = 0.5
-"""Normals are known where the accumulated opacity is larger than this."""
 
 
 def light_basis(normals: torch.Tensor) -> torch.Tensor:

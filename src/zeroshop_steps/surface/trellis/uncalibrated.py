@@ -15,6 +15,7 @@ from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at
 from zeroshop_steps.geometry.imaging.images import list_images, read_image, read_mask
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.networks.trellis.conditioning import MARGIN, frame_object
 from zeroshop_steps.networks.trellis.flexible_surface import ColoredSurface
@@ -26,7 +27,6 @@ COMPARED_PX = 96
 """Side of the squares that are compared."""
 DISTANCE = 3.0
 """Of the camera, in diagonals of the mesh: photos are taken from about there."""
-MM_PER_M = 1000.0
 
 
 def read_pictures(capture: Path) -> list[tuple[str, np.ndarray, np.ndarray]]:

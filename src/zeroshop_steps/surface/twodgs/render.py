@@ -7,7 +7,7 @@ import numba
 import numpy as np
 import torch
 
-from zeroshop_steps.surface.twodgs.kernels import rasterize, surface_depth
+from zeroshop_steps.surface.twodgs.kernels import layout, surface_depth
 from zeroshop_steps.surface.twodgs.kernels.render_view import RenderView
 from zeroshop_steps.surface.twodgs.renderers import CpuRenderer, Renderer
 
@@ -67,7 +67,7 @@ class _Splat(torch.autograd.Function):
     @staticmethod
     def backward(context: Any, *gradients: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
         drawn, view, distortion, statistics, renderer = context.kept
-        gradient = drawn.image.new_zeros((rasterize.GRAD_PLANES, *drawn.image.shape[1:]))
+        gradient = drawn.image.new_zeros((layout.GRAD_PLANES, *drawn.image.shape[1:]))
         for part, by_part in zip(PARTS, gradients, strict=True):
             if by_part is not None:
                 gradient[part][..., : view.height_px, : view.width_px] = by_part
@@ -93,14 +93,14 @@ def render_surface_depth(
     tensors = (positions, log_scales, quaternions, opacity_logits, torch.zeros(len(positions), 16, 3))
     drawn = CPU_RENDERER.draw(tensors, 0, view)
     image, (*_, splats, _, lists) = drawn.image.numpy(), drawn.kept
-    depth, median = np.zeros(image.shape[1:], np.float32), image[rasterize.OUT_MEDIAN]
+    depth, median = np.zeros(image.shape[1:], np.float32), image[layout.OUT_MEDIAN]
     tiles_x = view.tile_active.shape[1]
     surface_depth.mean_near_median(
         splats, lists.tiles, lists.starts, lists.splat_of, lists.slot_of, lists.blocks, tiles_x, numba.get_num_threads(),
         median, np.float32(reach), depth,
     )  # fmt: skip
     crop = (slice(view.height_px), slice(view.width_px))
-    return depth[crop], image[rasterize.OUT_ALPHA][crop]
+    return depth[crop], image[layout.OUT_ALPHA][crop]
 
 
 def render(

@@ -10,12 +10,12 @@ import torch
 
 from zeroshop_steps.surface.rendering.device_arrays import THREADS, blocks_of_threads, choose_kernels, tensor_device, to_kernel
 from zeroshop_steps.surface.rendering.tiling import TILE_PX
-from zeroshop_steps.surface.twodgs.kernels import project, rasterize, rasterize_backward, tiles
+from zeroshop_steps.surface.twodgs.kernels import layout, project, rasterize, rasterize_backward, tiles
 from zeroshop_steps.surface.twodgs.kernels.device_lists import list_slots_by_tile
 from zeroshop_steps.surface.twodgs.kernels.render_view import RenderView
 
-SPLATS_A_BLOCK = 8
-"""Of the CUDA kernel that sums gradients: times the width of a row, these are `THREADS`."""
+SPLATS_A_BLOCK = THREADS // layout.SPLAT_WIDTH
+"""Of the CUDA kernel that sums gradients."""
 
 
 @dataclass(frozen=True)
@@ -68,14 +68,14 @@ class CpuRenderer:
         """See `Renderer`."""
         arrays = [tensor.detach().contiguous().numpy() for tensor in parameters]
         count, workers = len(arrays[0]), numba.get_num_threads()
-        splats, boxes = np.zeros((count, project.SPLAT_WIDTH), np.float32), np.empty((count, 4), np.int32)
-        outlines = np.empty((count, project.OUTLINE_WIDTH), np.float32)
+        splats, boxes = np.zeros((count, layout.SPLAT_WIDTH), np.float32), np.empty((count, 4), np.int32)
+        outlines = np.empty((count, layout.OUTLINE_WIDTH), np.float32)
         project.project_forward(
             *arrays, degree, view.camera, view.width_px, view.height_px, view.near, workers, splats, outlines, boxes
         )  # fmt: skip
         lists = tiles.list_splats_by_tile(splats, outlines, boxes, view.tile_active, workers)
         tiles_y, tiles_x = view.tile_active.shape
-        image = np.zeros((rasterize.OUT_PLANES, tiles_y * TILE_PX, tiles_x * TILE_PX), np.float32)
+        image = np.zeros((layout.OUT_PLANES, tiles_y * TILE_PX, tiles_x * TILE_PX), np.float32)
         rasterize.blend_forward(
             splats, lists.tiles, lists.starts, lists.splat_of, lists.slot_of, lists.blocks,
             tiles_x, distortion, *np.array(view.depth_map, np.float32), workers, image,
@@ -97,7 +97,7 @@ class CpuRenderer:
         project.project_backward(
             positions, log_scales, quaternions, sh, degree, view.camera, workers, splats, boxes, by_splat, *outputs
         )  # fmt: skip
-        lengths = np.hypot(by_splat[:, project.CX], by_splat[:, project.CY])
+        lengths = np.hypot(by_splat[:, layout.CX], by_splat[:, layout.CY])
         return [torch.from_numpy(output) for output in outputs], torch.from_numpy(lengths)
 
 
@@ -115,7 +115,7 @@ class CudaRenderer:
         tensors = [tensor.detach().contiguous() for tensor in parameters]
         count, (camera, tile_active) = len(tensors[0]), view.on(self.device)
         tiles_y, tiles_x = view.tile_active.shape
-        splats, outlines = self._zeros(count, project.SPLAT_WIDTH), self._zeros(count, project.OUTLINE_WIDTH)
+        splats, outlines = self._zeros(count, layout.SPLAT_WIDTH), self._zeros(count, layout.OUTLINE_WIDTH)
         boxes, per_splat = self._zeros(count, 4, dtype=torch.int32), self._zeros(count, dtype=torch.int32)
         self._projection.project[blocks_of_threads(count), THREADS](
             *map(to_kernel, tensors), degree, to_kernel(camera), view.width_px, view.height_px, view.near, count,
@@ -129,9 +129,9 @@ class CudaRenderer:
             count,
             *map(to_kernel, (blocks, tile_of, splat_of)),
         )
-        starts, splats_listed, slots_listed = list_slots_by_tile(splats[:, project.ZC], blocks, tile_of, splat_of, tiles_y * tiles_x)
+        starts, splats_listed, slots_listed = list_slots_by_tile(splats[:, layout.ZC], blocks, tile_of, splat_of, tiles_y * tiles_x)
         lists = (starts, splats_listed, slots_listed, blocks)
-        image = self._zeros(rasterize.OUT_PLANES, tiles_y * TILE_PX, tiles_x * TILE_PX)
+        image = self._zeros(layout.OUT_PLANES, tiles_y * TILE_PX, tiles_x * TILE_PX)
         self._kernels.blend_forward[tiles_y * tiles_x, (TILE_PX, TILE_PX)](
             to_kernel(splats), *map(to_kernel, lists), tiles_x, distortion, *np.array(view.depth_map, np.float32), to_kernel(image)
         )
@@ -143,12 +143,12 @@ class CudaRenderer:
         """See `Renderer`."""
         tensors, degree, view, splats, boxes, lists, slot_starts = drawn.kept
         count, (camera, _), (tiles_y, tiles_x) = len(splats), view.on(self.device), view.tile_active.shape
-        slots, by_splat = self._zeros(len(lists[3]), project.SPLAT_WIDTH), torch.zeros_like(splats)
+        slots, by_splat = self._zeros(len(lists[3]), layout.SPLAT_WIDTH), torch.zeros_like(splats)
         self._kernels.blend_backward[tiles_y * tiles_x, (TILE_PX, TILE_PX)](
             to_kernel(splats), *map(to_kernel, lists), tiles_x, distortion, *np.array(view.depth_map, np.float32),
             *map(to_kernel, (drawn.image, gradient, slots)),
         )  # fmt: skip
-        self._projection.sum_slots[(-(-count // SPLATS_A_BLOCK) or 1, 1), (SPLATS_A_BLOCK, project.SPLAT_WIDTH)](
+        self._projection.sum_slots[(-(-count // SPLATS_A_BLOCK) or 1, 1), (SPLATS_A_BLOCK, layout.SPLAT_WIDTH)](
             to_kernel(slots), to_kernel(slot_starts), count, to_kernel(by_splat)
         )
         outputs = [torch.zeros_like(tensor) for tensor in tensors]
@@ -157,7 +157,7 @@ class CudaRenderer:
             positions, log_scales, quaternions, sh, degree, to_kernel(camera), count,
             *map(to_kernel, (splats, boxes, by_splat, *outputs)),
         )  # fmt: skip
-        return outputs, torch.hypot(by_splat[:, project.CX], by_splat[:, project.CY])
+        return outputs, torch.hypot(by_splat[:, layout.CX], by_splat[:, layout.CY])
 
     def _zeros(self, *shape: int, dtype: torch.dtype = torch.float32) -> torch.Tensor:
         return torch.zeros(shape, dtype=dtype, device=self.device)

@@ -7,7 +7,7 @@ import torch
 
 from zeroshop_steps.surface.rendering.training_views import TrainingView
 from zeroshop_steps.surface.training.initialization import Initialization
-from zeroshop_steps.surface.training.losses import image_losses, normal_mismatch, normals_from_depth
+from zeroshop_steps.surface.training.losses import SOLID_ALPHA, image_losses, normal_mismatch, normals_from_depth
 from zeroshop_steps.surface.training.trainer import Trainer, ViewPyramid
 from zeroshop_steps.surface.twodgs.densify import GradientMeter, densify_and_prune, reset_opacity
 from zeroshop_steps.surface.twodgs.render import Rendering, RenderView, render
@@ -28,8 +28,6 @@ LEARNING_RATES = {
 """All but that of the positions are those of Kerbl et al. 2023; theirs falls from 1.6e-4 in units of the scene's extent."""
 POSITION_RATE_FALL = 0.01
 """The positions' learning rate at the end, as a share of that at the beginning; it falls exponentially (Kerbl et al. 2023)."""
-SOLID_ALPHA = 0.5
-"""Normals are compared where the accumulated opacity is larger than this."""
 
 
 def view_loss(rendering: Rendering, view: TrainingView, settings: SurfelSettings, with_normals: bool) -> dict[str, torch.Tensor]:

@@ -7,7 +7,8 @@ What a thread does is the same function as on the CPU, in double precision. With
 from numba import cuda, float64
 
 from zeroshop_steps.surface.rendering.tiling import ZERO, tiles_of
-from zeroshop_steps.surface.svraster.kernels.project import G_WEIGHT, GRADIENT_WIDTH, differentiate_voxel, project_voxel, sum_uses
+from zeroshop_steps.surface.svraster.kernels.layout import G_WEIGHT, GRADIENT_WIDTH
+from zeroshop_steps.surface.svraster.kernels.project import differentiate_voxel, project_voxel, sum_uses
 from zeroshop_steps.surface.svraster.octree import OCTANTS
 
 

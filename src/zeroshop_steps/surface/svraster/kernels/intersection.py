@@ -9,6 +9,14 @@ _LOWEST, _SIXTEENTH = np.float32(-16.0), np.float32(1 / 16)
 _E2, _E3, _E4, _E5 = np.float32(1 / 2), np.float32(1 / 6), np.float32(1 / 24), np.float32(1 / 120)
 _E6, _E7, _E8 = np.float32(1 / 720), np.float32(1 / 5040), np.float32(1 / 40320)
 
+SAMPLES = 2
+"""Samples K of the density on each segment."""
+DENSITY_SCALE = 100.0
+"""Optical thickness, for each normalized unit of length, of an activated value of one."""
+LINEAR_FROM = 1.1
+"""Value from which the activation is linear (Sun et al. 2025, eq. 3)."""
+_KNEE, _INVERSE_KNEE, _STEP = np.float32(LINEAR_FROM), np.float32(1.0 / LINEAR_FROM), np.float32(1.0 / SAMPLES)
+
 
 @numba.njit(inline="always", fastmath=True)
 def expm1(x):
@@ -47,3 +55,32 @@ def intersect_voxel(x, y, d0, d1, d2, r0, r1, r2, x0, y0, a0, a1, a2, b0, b1, b2
 @numba.njit(inline="always", fastmath=True)
 def interpolate_density(u, v, w, p1, px, py, pz, pxy, pxz, pyz, pxyz):
     return p1 + px * u + v * (py + pxy * u) + w * (pz + pxz * u + v * (pyz + pxyz * u))
+
+
+@numba.njit(inline="always", fastmath=True)
+def sample_at(tau, length, k):
+    """Where sample k of a segment lies, in tau."""
+    return tau + length * ((np.float32(k) + _HALF) * _STEP)
+
+
+@numba.njit(inline="always", fastmath=True)
+def activate(v):
+    """Exponential-linear activation of an interpolated value (Sun et al. 2025, eq. 3)."""
+    return v if v > _KNEE else _KNEE * exp(v * _INVERSE_KNEE - _ONE)
+
+
+@numba.njit(inline="always", fastmath=True)
+def activation_slope(v):
+    """The derivative of `activate`."""
+    return _ONE if v > _KNEE else exp(v * _INVERSE_KNEE - _ONE)
+
+
+@numba.njit(inline="always", fastmath=True)
+def sum_densities(e0, e1, e2, tau, length, d0, d1, d2, p1, px, py, pz, pxy, pxz, pyz, pxyz):
+    """Sum of the activated densities at a segment's samples."""
+    total = _ZERO
+    for k in range(SAMPLES):
+        place = sample_at(tau, length, k)
+        v = interpolate_density(e0 + place * d0, e1 + place * d1, e2 + place * d2, p1, px, py, pz, pxy, pxz, pyz, pxyz)
+        total += activate(v)
+    return total

@@ -15,16 +15,7 @@ import numba
 import numpy as np
 
 from zeroshop_steps.surface.rendering.spherical_harmonics import sh_basis, view_direction
-
-# Columns of a voxel's row: reference pixel, A, B, C, least tau (the near plane), depth of the centre, edge, the
-# polynomial's coefficients of 1, x, y, z, xy, xz, yz, xyz, colour, and unit normal in the camera frame.
-X0, Y0, A0, A1, A2, B0, B1, B2, C0, C1, C2, TAU_MIN, ZC, SIZE = range(14)
-P1, PX, PY, PZ, PXY, PXZ, PYZ, PXYZ = range(14, 22)
-RED, GREEN, BLUE, NX, NY, NZ = range(22, 28)
-ROW_WIDTH = 28
-# Columns of its gradient: the polynomial's, the colour's, the normal's, then largest blending weight and priority.
-G_P, G_RED, G_NX, G_WEIGHT, G_PRIORITY = 0, 8, 11, 14, 15
-GRADIENT_WIDTH = 16
+from zeroshop_steps.surface.svraster.kernels import layout as at
 
 # Divisions may become products with a reciprocal, and sums fused: all is in double precision.
 _REORDERED = {"arcp", "contract", "nsz"}
@@ -72,21 +63,27 @@ def project_voxel(
     if c[2] > near:
         x0 = min(max(math.floor(fx * c[0] / c[2] + cx), 0.0), float(width_px))
         y0 = min(max(math.floor(fy * c[1] / c[2] + cy), 0.0), float(height_px))
-    rows[i, X0], rows[i, Y0], rows[i, ZC], rows[i, SIZE], rows[i, TAU_MIN] = x0, y0, c[2], s, (near - c[2]) / s
+    rows[i, at.X0], rows[i, at.Y0], rows[i, at.ZC], rows[i, at.SIZE], rows[i, at.TAU_MIN] = (
+        x0,
+        y0,
+        c[2],
+        s,
+        (near - c[2]) / s,
+    )
     # The point of the reference ray at the centre's depth, less the centre, in the camera frame.
     ox, oy = (x0 - cx) / fx * c[2] - c[0], (y0 - cy) / fy * c[2] - c[1]
     for a in range(3):
-        rows[i, A0 + a] = c[2] / (fx * s) * camera[a]
-        rows[i, B0 + a] = c[2] / (fy * s) * camera[3 + a]
-        rows[i, C0 + a] = (ox * camera[a] + oy * camera[3 + a]) / s
+        rows[i, at.A0 + a] = c[2] / (fx * s) * camera[a]
+        rows[i, at.B0 + a] = c[2] / (fy * s) * camera[3 + a]
+        rows[i, at.C0 + a] = (ox * camera[a] + oy * camera[3 + a]) / s
     for k in range(8):
         v[k] = densities[corners[i, k]]
     _polynomial(v, p)
     for k in range(8):
-        rows[i, P1 + k] = p[k]
+        rows[i, at.P1 + k] = p[k]
     inverse = -1.0 / math.sqrt(p[1] * p[1] + p[2] * p[2] + p[3] * p[3] + FLAT)
     for r in range(3):
-        rows[i, NX + r] = inverse * (camera[3 * r] * p[1] + camera[3 * r + 1] * p[2] + camera[3 * r + 2] * p[3])
+        rows[i, at.NX + r] = inverse * (camera[3 * r] * p[1] + camera[3 * r + 1] * p[2] + camera[3 * r + 2] * p[3])
     dx, dy, dz, _ = view_direction(centres, i, camera)
     sh_basis(degree, dx, dy, dz, basis)
     red = green = blue = 0.5
@@ -94,7 +91,7 @@ def project_voxel(
         red += basis[k] * sh[i, k, 0]
         green += basis[k] * sh[i, k, 1]
         blue += basis[k] * sh[i, k, 2]
-    rows[i, RED], rows[i, GREEN], rows[i, BLUE] = max(red, 0.0), max(green, 0.0), max(blue, 0.0)
+    rows[i, at.RED], rows[i, at.GREEN], rows[i, at.BLUE] = max(red, 0.0), max(green, 0.0), max(blue, 0.0)
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=_REORDERED)
@@ -146,10 +143,10 @@ def _box(c, s, camera, width_px, height_px, near, boxes, i):
 def differentiate_voxel(centres, i, degree, camera, rows, gradients, g, out, basis, corner_gradients, sh_gradients):
     """Voxel i of `project_backward`; g (8,), out (8,) and basis (16,) float64 are overwritten."""
     for k in range(8):
-        g[k] = gradients[i, G_P + k]
-    p1, p2, p3 = float(rows[i, PX]), float(rows[i, PY]), float(rows[i, PZ])
+        g[k] = gradients[i, at.G_P + k]
+    p1, p2, p3 = float(rows[i, at.PX]), float(rows[i, at.PY]), float(rows[i, at.PZ])
     inverse = -1.0 / math.sqrt(p1 * p1 + p2 * p2 + p3 * p3 + FLAT)
-    n0, n1, n2 = gradients[i, G_NX], gradients[i, G_NX + 1], gradients[i, G_NX + 2]
+    n0, n1, n2 = gradients[i, at.G_NX], gradients[i, at.G_NX + 1], gradients[i, at.G_NX + 2]
     g0 = camera[0] * n0 + camera[3] * n1 + camera[6] * n2
     g1 = camera[1] * n0 + camera[4] * n1 + camera[7] * n2
     g2 = camera[2] * n0 + camera[5] * n1 + camera[8] * n2
@@ -162,9 +159,9 @@ def differentiate_voxel(centres, i, degree, camera, rows, gradients, g, out, bas
         corner_gradients[i, k] = out[k]
     dx, dy, dz, _ = view_direction(centres, i, camera)
     sh_basis(degree, dx, dy, dz, basis)
-    red = gradients[i, G_RED] if rows[i, RED] > 0.0 else 0.0
-    green = gradients[i, G_RED + 1] if rows[i, GREEN] > 0.0 else 0.0
-    blue = gradients[i, G_RED + 2] if rows[i, BLUE] > 0.0 else 0.0
+    red = gradients[i, at.G_RED] if rows[i, at.RED] > 0.0 else 0.0
+    green = gradients[i, at.G_RED + 1] if rows[i, at.GREEN] > 0.0 else 0.0
+    blue = gradients[i, at.G_RED + 2] if rows[i, at.BLUE] > 0.0 else 0.0
     for k in range((degree + 1) * (degree + 1)):
         sh_gradients[i, k, 0], sh_gradients[i, k, 1], sh_gradients[i, k, 2] = red * basis[k], green * basis[k], blue * basis[k]
 

@@ -12,60 +12,13 @@ import numba
 import numpy as np
 
 from zeroshop_steps.surface.rendering.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TILE_PX, ZERO
-from zeroshop_steps.surface.svraster.kernels.intersection import exp, expm1, interpolate_density, intersect_voxel
-from zeroshop_steps.surface.svraster.kernels.project import (
-    A0,
-    A1,
-    A2,
-    B0,
-    B1,
-    B2,
-    BLUE,
-    C0,
-    C1,
-    C2,
-    GREEN,
-    NX,
-    NY,
-    NZ,
-    P1,
-    PX,
-    PXY,
-    PXYZ,
-    PXZ,
-    PY,
-    PYZ,
-    PZ,
-    RED,
-    SIZE,
-    TAU_MIN,
-    X0,
-    Y0,
-    ZC,
-)  # fmt: skip
+from zeroshop_steps.surface.svraster.kernels import layout as at
+from zeroshop_steps.surface.svraster.kernels.intersection import DENSITY_SCALE, SAMPLES, expm1, intersect_voxel, sum_densities
 from zeroshop_steps.surface.svraster.kernels.tiles import octant_of, ray_direction
 
-SAMPLES = 2
-"""Samples K of the density on each segment."""
-DENSITY_SCALE = 100.0
-"""Optical thickness, for each normalized unit of length, of an activated value of one."""
-LINEAR_FROM = 1.1
-"""Value from which the activation is linear (Sun et al. 2025, eq. 3)."""
-
-# Planes of the image that `blend_forward` fills: colour, depth, normal, opacity, median depth, weighted square of the
-# colour, weighted cosine of normals that face away, and, by-product, the median depth's change with optical thickness.
-(OUT_R, OUT_G, OUT_B, OUT_DEPTH, OUT_NX, OUT_NY, OUT_NZ, OUT_ALPHA, OUT_MEDIAN, OUT_SQUARE, OUT_AWAY, OUT_SLOPE) = range(12)
-OUT_PLANES = 12
-GRAD_PLANES = 11
-
-
-# Planes of a block's buffer: pixel position, ray direction and its inverse, one over its length, thickness for each unit of
-# depth, transmittance, thickness so far; then, in the forward pass, the outputs.
-X, Y, D, R, LENGTH, THICK, T, SUM_X, _OUT = 0, 1, 2, 5, 8, 9, 10, 11, 12
-_PLANES = _OUT + OUT_PLANES
+_OUT = at.OWN
+_PLANES = _OUT + at.OUT_PLANES
 LOG2, TINY = np.float32(np.log(2.0)), np.float32(1e-20)
-KNEE, INVERSE_KNEE = np.float32(LINEAR_FROM), np.float32(1.0 / LINEAR_FROM)
-STEP = np.float32(1.0 / SAMPLES)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
@@ -77,17 +30,17 @@ def load_pixels(b, planes, tile_x, tile_y, camera, octant):
             i = block * planes * LANES + lane
             x = tile_x * TILE_PX + block % ACROSS * BLOCK_PX + lane % BLOCK_PX + 0.5
             y = tile_y * TILE_PX + block // ACROSS * BLOCK_PX + lane // BLOCK_PX + 0.5
-            b[i + X * LANES], b[i + Y * LANES] = x, y
+            b[i + at.X * LANES], b[i + at.Y * LANES] = x, y
             total = 0.0
             for axis in range(3):
                 d = ray_direction(camera, x, y, axis)
-                b[i + (D + axis) * LANES], b[i + (R + axis) * LANES] = d, 1.0 / d
+                b[i + (at.D + axis) * LANES], b[i + (at.R + axis) * LANES] = d, 1.0 / d
                 total += d * d
-            b[i + LENGTH * LANES] = 1.0 / np.sqrt(total)
-            b[i + THICK * LANES] = np.sqrt(total) * DENSITY_SCALE / SAMPLES
+            b[i + at.LENGTH * LANES] = 1.0 / np.sqrt(total)
+            b[i + at.THICK * LANES] = np.sqrt(total) * DENSITY_SCALE / SAMPLES
             own = octant_of(camera, x, y) == octant
-            b[i + T * LANES] = 1.0 if own else 0.0
-            b[i + SUM_X * LANES] = 0.0
+            b[i + at.T * LANES] = 1.0 if own else 0.0
+            b[i + at.SUM_X * LANES] = 0.0
             if own:
                 living |= np.uint64(1 << block)
     return living
@@ -96,14 +49,8 @@ def load_pixels(b, planes, tile_x, tile_y, camera, octant):
 @numba.njit(cache=True, forceinline=True)
 def blocks_of(boxes, i, tile_x, tile_y):
     """The blocks of a tile that the pixel box i meets, one bit a block: bit 4 y + x."""
-    left, right = (
-        max(boxes[i, 0] - tile_x * TILE_PX, 0) // BLOCK_PX,
-        (min(boxes[i, 1] - tile_x * TILE_PX, TILE_PX) + BLOCK_PX - 1) // BLOCK_PX,
-    )
-    top, bottom = (
-        max(boxes[i, 2] - tile_y * TILE_PX, 0) // BLOCK_PX,
-        (min(boxes[i, 3] - tile_y * TILE_PX, TILE_PX) + BLOCK_PX - 1) // BLOCK_PX,
-    )
+    left, right = max(boxes[i, 0] - tile_x * TILE_PX, 0) // BLOCK_PX, -(-min(boxes[i, 1] - tile_x * TILE_PX, TILE_PX) // BLOCK_PX)
+    top, bottom = max(boxes[i, 2] - tile_y * TILE_PX, 0) // BLOCK_PX, -(-min(boxes[i, 3] - tile_y * TILE_PX, TILE_PX) // BLOCK_PX)
     # One bit for each row of blocks, times the bits of a row.
     return np.uint64(((1 << ACROSS * bottom) - (1 << ACROSS * top)) // ((1 << ACROSS) - 1) * ((1 << right) - (1 << left)))
 
@@ -111,7 +58,7 @@ def blocks_of(boxes, i, tile_x, tile_y):
 @numba.njit(cache=True, forceinline=True)
 def world_normal(rows, i, camera, axis):
     """A voxel's normal along one axis of the world."""
-    return np.float32(camera[axis] * rows[i, NX] + camera[3 + axis] * rows[i, NY] + camera[6 + axis] * rows[i, NZ])
+    return np.float32(camera[axis] * rows[i, at.NX] + camera[3 + axis] * rows[i, at.NY] + camera[6 + axis] * rows[i, at.NZ])
 
 
 @numba.njit(cache=True, forceinline=True, fastmath=True, error_model="numpy")
@@ -120,36 +67,9 @@ def _blend_voxel(rows, index, n0, n1, n2, b, blocks):
 
     n0, n1, n2: its normal in the world.
     """
-    x0, y0, tau_min, zc, size = rows[index, X0], rows[index, Y0], rows[index, TAU_MIN], rows[index, ZC], rows[index, SIZE]
-    a0, a1, a2, b0, b1, b2, c0, c1, c2 = (
-        rows[index, A0],
-        rows[index, A1],
-        rows[index, A2],
-        rows[index, B0],
-        rows[index, B1],
-        rows[index, B2],
-        rows[index, C0],
-        rows[index, C1],
-        rows[index, C2],
-    )
-    p1, px, py, pz, pxy, pxz, pyz, pxyz = (
-        rows[index, P1],
-        rows[index, PX],
-        rows[index, PY],
-        rows[index, PZ],
-        rows[index, PXY],
-        rows[index, PXZ],
-        rows[index, PYZ],
-        rows[index, PXYZ],
-    )
-    red, green, blue, nx, ny, nz = (
-        rows[index, RED],
-        rows[index, GREEN],
-        rows[index, BLUE],
-        rows[index, NX],
-        rows[index, NY],
-        rows[index, NZ],
-    )
+    x0, y0, a0, a1, a2, b0, b1, b2, c0, c1, c2, tau_min = at.box_of(rows, index)
+    p1, px, py, pz, pxy, pxz, pyz, pxyz = at.polynomial_of(rows, index)
+    zc, size, red, green, blue, nx, ny, nz = at.look_of(rows, index)
     square = red * red + green * green + blue * blue
     dark = np.uint64(0)
     while blocks:
@@ -159,41 +79,37 @@ def _blend_voxel(rows, index, n0, n1, n2, b, blocks):
         first = BIT[bit % np.uint64(19)] * np.uint64(_PLANES * LANES)
         lit = ZERO
         for i in range(first, first + np.uint64(LANES)):
-            d0, d1, d2 = b[i + PLANE[D]], b[i + PLANE[D + 1]], b[i + PLANE[D + 2]]
+            d0, d1, d2 = b[i + PLANE[at.D]], b[i + PLANE[at.D + 1]], b[i + PLANE[at.D + 2]]
             e0, e1, e2, tau, length = intersect_voxel(
-                b[i], b[i + PLANE[Y]], d0, d1, d2, b[i + PLANE[R]], b[i + PLANE[R + 1]], b[i + PLANE[R + 2]],
+                b[i], b[i + PLANE[at.Y]], d0, d1, d2, b[i + PLANE[at.R]], b[i + PLANE[at.R + 1]], b[i + PLANE[at.R + 2]],
                 x0, y0, a0, a1, a2, b0, b1, b2, c0, c1, c2, tau_min,
             )  # fmt: skip
-            total = ZERO
-            for k in range(SAMPLES):
-                at = tau + length * ((np.float32(k) + HALF) * STEP)
-                v = interpolate_density(e0 + at * d0, e1 + at * d1, e2 + at * d2, p1, px, py, pz, pxy, pxz, pyz, pxyz)
-                total += v if v > KNEE else KNEE * exp(v * INVERSE_KNEE - ONE)
+            total = sum_densities(e0, e1, e2, tau, length, d0, d1, d2, p1, px, py, pz, pxy, pxz, pyz, pxyz)
             along = length * size
-            x = total * along * b[i + PLANE[THICK]]
-            t = b[i + PLANE[T]]
+            x = total * along * b[i + PLANE[at.THICK]]
+            t = b[i + PLANE[at.T]]
             x = x if t >= STOP else ZERO
             w = -t * expm1(-x)
-            b[i + PLANE[T]] = t - w
+            b[i + PLANE[at.T]] = t - w
             lit += ONE if t - w >= STOP else ZERO
             z = zc + size * (tau + HALF * length)
-            b[i + PLANE[_OUT + OUT_R]] += w * red
-            b[i + PLANE[_OUT + OUT_G]] += w * green
-            b[i + PLANE[_OUT + OUT_B]] += w * blue
-            b[i + PLANE[_OUT + OUT_DEPTH]] += w * z
-            b[i + PLANE[_OUT + OUT_NX]] += w * nx
-            b[i + PLANE[_OUT + OUT_NY]] += w * ny
-            b[i + PLANE[_OUT + OUT_NZ]] += w * nz
-            b[i + PLANE[_OUT + OUT_SQUARE]] += w * square
-            b[i + PLANE[_OUT + OUT_AWAY]] += w * max((n0 * d0 + n1 * d1 + n2 * d2) * b[i + PLANE[LENGTH]], ZERO)
-            before = b[i + PLANE[SUM_X]]
+            b[i + PLANE[_OUT + at.OUT_R]] += w * red
+            b[i + PLANE[_OUT + at.OUT_G]] += w * green
+            b[i + PLANE[_OUT + at.OUT_B]] += w * blue
+            b[i + PLANE[_OUT + at.OUT_DEPTH]] += w * z
+            b[i + PLANE[_OUT + at.OUT_NX]] += w * nx
+            b[i + PLANE[_OUT + at.OUT_NY]] += w * ny
+            b[i + PLANE[_OUT + at.OUT_NZ]] += w * nz
+            b[i + PLANE[_OUT + at.OUT_SQUARE]] += w * square
+            b[i + PLANE[_OUT + at.OUT_AWAY]] += w * max((n0 * d0 + n1 * d1 + n2 * d2) * b[i + PLANE[at.LENGTH]], ZERO)
+            before = b[i + PLANE[at.SUM_X]]
             after = before + x
-            b[i + PLANE[SUM_X]] = after
+            b[i + PLANE[at.SUM_X]] = after
             crosses = (before < LOG2) & (after >= LOG2)
             slope = along / max(x, TINY)
             median = zc + size * tau + slope * (LOG2 - before)
-            b[i + PLANE[_OUT + OUT_MEDIAN]] = median if crosses else b[i + PLANE[_OUT + OUT_MEDIAN]]
-            b[i + PLANE[_OUT + OUT_SLOPE]] = slope if crosses else b[i + PLANE[_OUT + OUT_SLOPE]]
+            b[i + PLANE[_OUT + at.OUT_MEDIAN]] = median if crosses else b[i + PLANE[_OUT + at.OUT_MEDIAN]]
+            b[i + PLANE[_OUT + at.OUT_SLOPE]] = slope if crosses else b[i + PLANE[_OUT + at.OUT_SLOPE]]
         dark |= np.uint64(0) if lit > ZERO else bit
     return dark
 
@@ -225,6 +141,6 @@ def blend_forward(rows, boxes, camera, pair_tiles, pair_octants, pairs, starts, 
                     x = tile_x * TILE_PX + block % ACROSS * BLOCK_PX + lane % BLOCK_PX
                     if octant_of(camera, x + 0.5, y + 0.5) == octant:
                         i = block * _PLANES * LANES + lane
-                        b[i + (_OUT + OUT_ALPHA) * LANES] = ONE - b[i + T * LANES]
-                        for plane in range(OUT_PLANES):
+                        b[i + (_OUT + at.OUT_ALPHA) * LANES] = ONE - b[i + at.T * LANES]
+                        for plane in range(at.OUT_PLANES):
                             image[plane, y, x] = b[i + (_OUT + plane) * LANES]

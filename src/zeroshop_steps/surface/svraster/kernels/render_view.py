@@ -11,9 +11,6 @@ from zeroshop_steps.surface.rendering.tiling import TILE_PX
 from zeroshop_steps.surface.rendering.training_views import TrainingView
 from zeroshop_steps.surface.svraster.kernels.tiles import TileOctants
 
-NEAR = 0.05
-"""Depth before which nothing is drawn, in normalized units."""
-
 
 class DeviceView(NamedTuple):
     """Camera and pairs of a view as tensors of one device, as `RenderView` and `TileOctants` have them."""
@@ -44,7 +41,7 @@ class RenderView:
     _tensors: dict[torch.device, DeviceView] = field(default_factory=dict, compare=False, repr=False)
 
     @staticmethod
-    def from_camera(camera: Camera, tile_active: np.ndarray | None = None, near: float = NEAR) -> "RenderView":
+    def from_camera(camera: Camera, tile_active: np.ndarray | None = None, near: float = 0.05) -> "RenderView":
         """A view of a pinhole camera; all tiles are drawn when `tile_active` (tiles_y, tiles_x) is None."""
         if tile_active is None:
             tile_active = np.ones((-(-camera.height_px // TILE_PX), -(-camera.width_px // TILE_PX)), bool)

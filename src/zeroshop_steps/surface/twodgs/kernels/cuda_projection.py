@@ -7,7 +7,8 @@ simulator runs these kernels (NUMBA_ENABLE_CUDASIM=1 and NUMBA_DISABLE_JIT=1, be
 from numba import cuda, float32, float64
 
 from zeroshop_steps.surface.rendering.tiling import TILE_PX, ZERO, tiles_of
-from zeroshop_steps.surface.twodgs.kernels.project import SPLAT_WIDTH, differentiate_surfel, project_surfel
+from zeroshop_steps.surface.twodgs.kernels.layout import SPLAT_WIDTH
+from zeroshop_steps.surface.twodgs.kernels.project import differentiate_surfel, project_surfel
 from zeroshop_steps.surface.twodgs.kernels.tiles import mark_splat
 
 

@@ -16,18 +16,10 @@ import numba
 import numpy as np
 
 from zeroshop_steps.surface.rendering.spherical_harmonics import sh_basis, sh_gradient, view_direction
-
-# Columns of a splat row, and of its gradient.
-CX, CY, ZC, U1, U2, V1, V2, A1, A2, OPACITY, RED, GREEN, BLUE, NX, NY, NZ = range(16)
-SPLAT_WIDTH = 16
+from zeroshop_steps.surface.twodgs.kernels import layout as at
 
 ALPHA_MIN = 1.0 / 255.0
 """Contributions below one grey level are skipped, and end a splat's footprint."""
-# Columns of an outline: the bounds of a splat's footprint on the image, all in pixels. The ellipse's centre relative to the
-# projected one, its half extents and their covariance, that is, half_x times where along y it reaches farthest to the right,
-# and the radius of the low-pass filter. HALF_X is infinite for a surfel that reaches the camera plane: it may be seen anywhere.
-MID_X, MID_Y, HALF_X, HALF_Y, COVARIANCE, LOW_PASS = range(6)
-OUTLINE_WIDTH = 6
 MARGIN_PX = 0.02
 """Footprints are enlarged by this, against rounding."""
 GRAZING_MIN = 1e-7
@@ -60,33 +52,33 @@ def _outline(zc, fx, fy, kx, ky, su, sv, camera_tangents, radius_squared, outlin
     tu0, tu1 = su * (fx * t[0, 0] + kx * t[0, 2]), sv * (fx * t[1, 0] + kx * t[1, 2])
     tv0, tv1 = su * (fy * t[0, 1] + ky * t[0, 2]), sv * (fy * t[1, 1] + ky * t[1, 2])
     tw0, tw1 = su * t[0, 2], sv * t[1, 2]
-    outlines[i, LOW_PASS] = math.sqrt(0.5 * radius_squared)
-    outlines[i, HALF_X] = np.inf
+    outlines[i, at.LOW_PASS] = math.sqrt(0.5 * radius_squared)
+    outlines[i, at.HALF_X] = np.inf
     d = radius_squared * (tw0 * tw0 + tw1 * tw1) - zc * zc
     if d >= -1e-6 * zc * zc:
         return
     f = radius_squared / d
     mid_x, mid_y = f * (tu0 * tw0 + tu1 * tw1), f * (tv0 * tw0 + tv1 * tw1)
-    outlines[i, MID_X], outlines[i, MID_Y] = mid_x, mid_y
-    outlines[i, HALF_X] = math.sqrt(max(mid_x * mid_x - f * (tu0 * tu0 + tu1 * tu1), 0.0))
-    outlines[i, HALF_Y] = math.sqrt(max(mid_y * mid_y - f * (tv0 * tv0 + tv1 * tv1), 0.0))
-    outlines[i, COVARIANCE] = mid_x * mid_y - f * (tu0 * tv0 + tu1 * tv1)
+    outlines[i, at.MID_X], outlines[i, at.MID_Y] = mid_x, mid_y
+    outlines[i, at.HALF_X] = math.sqrt(max(mid_x * mid_x - f * (tu0 * tu0 + tu1 * tu1), 0.0))
+    outlines[i, at.HALF_Y] = math.sqrt(max(mid_y * mid_y - f * (tv0 * tv0 + tv1 * tv1), 0.0))
+    outlines[i, at.COVARIANCE] = mid_x * mid_y - f * (tu0 * tv0 + tu1 * tv1)
 
 
 @numba.njit(cache=True, forceinline=True, fastmath=_REORDERED)
 def _box(splats, outlines, i, width_px, height_px, boxes):
     """Fill row i of boxes (N, 4) with the first and last column and row of pixels, half open, whose centres lie in the outline's bounds."""
-    if outlines[i, HALF_X] == np.inf:
+    if outlines[i, at.HALF_X] == np.inf:
         boxes[i, 0], boxes[i, 1], boxes[i, 2], boxes[i, 3] = 0, width_px, 0, height_px
         return
-    low_pass = outlines[i, LOW_PASS]
-    left, right = min(outlines[i, MID_X] - outlines[i, HALF_X], -low_pass), max(outlines[i, MID_X] + outlines[i, HALF_X], low_pass)
-    top, bottom = min(outlines[i, MID_Y] - outlines[i, HALF_Y], -low_pass), max(outlines[i, MID_Y] + outlines[i, HALF_Y], low_pass)
+    low_pass, mid_x, mid_y = outlines[i, at.LOW_PASS], outlines[i, at.MID_X], outlines[i, at.MID_Y]
+    left, right = min(mid_x - outlines[i, at.HALF_X], -low_pass), max(mid_x + outlines[i, at.HALF_X], low_pass)
+    top, bottom = min(mid_y - outlines[i, at.HALF_Y], -low_pass), max(mid_y + outlines[i, at.HALF_Y], low_pass)
     # Pixel j's centre is at j + 0.5; clamped in floating point, before the cast can overflow.
-    boxes[i, 0] = int(min(max(math.ceil(splats[i, CX] + left - 0.5 - MARGIN_PX), 0.0), width_px))
-    boxes[i, 1] = int(min(max(math.floor(splats[i, CX] + right + 0.5 + MARGIN_PX), 0.0), width_px))
-    boxes[i, 2] = int(min(max(math.ceil(splats[i, CY] + top - 0.5 - MARGIN_PX), 0.0), height_px))
-    boxes[i, 3] = int(min(max(math.floor(splats[i, CY] + bottom + 0.5 + MARGIN_PX), 0.0), height_px))
+    boxes[i, 0] = int(min(max(math.ceil(splats[i, at.CX] + left - 0.5 - MARGIN_PX), 0.0), width_px))
+    boxes[i, 1] = int(min(max(math.floor(splats[i, at.CX] + right + 0.5 + MARGIN_PX), 0.0), width_px))
+    boxes[i, 2] = int(min(max(math.ceil(splats[i, at.CY] + top - 0.5 - MARGIN_PX), 0.0), height_px))
+    boxes[i, 3] = int(min(max(math.floor(splats[i, at.CY] + bottom + 0.5 + MARGIN_PX), 0.0), height_px))
 
 
 @numba.njit(cache=True, forceinline=True, fastmath=_REORDERED)
@@ -120,19 +112,19 @@ def project_surfel(
         return
     t, n0, n1, n2 = tangents, tangents[2, 0], tangents[2, 1], tangents[2, 2]
     su, sv = math.exp(log_scales[i, 0]), math.exp(log_scales[i, 1])
-    splats[i, CX], splats[i, CY], splats[i, ZC] = fx * p[0] / p[2] + cx0, fy * p[1] / p[2] + cy0, p[2]
+    splats[i, at.CX], splats[i, at.CY], splats[i, at.ZC] = fx * p[0] / p[2] + cx0, fy * p[1] / p[2] + cy0, p[2]
     if abs(q) > GRAZING_MIN:
         along_u = (t[0, 0] * p[0] + t[0, 1] * p[1] + t[0, 2] * p[2]) / q
         along_v = (t[1, 0] * p[0] + t[1, 1] * p[1] + t[1, 2] * p[2]) / q
-        splats[i, U1], splats[i, U2] = (p[2] * t[0, 0] - along_u * n0) / (fx * su), (p[2] * t[0, 1] - along_u * n1) / (fy * su)
-        splats[i, V1], splats[i, V2] = (p[2] * t[1, 0] - along_v * n0) / (fx * sv), (p[2] * t[1, 1] - along_v * n1) / (fy * sv)
-        splats[i, A1], splats[i, A2] = n0 / (fx * q), n1 / (fy * q)
+        splats[i, at.U1], splats[i, at.U2] = (p[2] * t[0, 0] - along_u * n0) / (fx * su), (p[2] * t[0, 1] - along_u * n1) / (fy * su)
+        splats[i, at.V1], splats[i, at.V2] = (p[2] * t[1, 0] - along_v * n0) / (fx * sv), (p[2] * t[1, 1] - along_v * n1) / (fy * sv)
+        splats[i, at.A1], splats[i, at.A2] = n0 / (fx * q), n1 / (fy * q)
     else:
-        splats[i, U1] = splats[i, V2] = 1e15
-        splats[i, U2] = splats[i, V1] = splats[i, A1] = splats[i, A2] = 0.0
+        splats[i, at.U1] = splats[i, at.V2] = 1e15
+        splats[i, at.U2] = splats[i, at.V1] = splats[i, at.A1] = splats[i, at.A2] = 0.0
     facing = -1.0 if q > 0 else 1.0
-    splats[i, NX], splats[i, NY], splats[i, NZ] = facing * n0, facing * n1, facing * n2
-    splats[i, OPACITY] = opacity
+    splats[i, at.NX], splats[i, at.NY], splats[i, at.NZ] = facing * n0, facing * n1, facing * n2
+    splats[i, at.OPACITY] = opacity
 
     dx, dy, dz, _ = view_direction(positions, i, camera)
     sh_basis(degree, dx, dy, dz, basis)
@@ -141,9 +133,9 @@ def project_surfel(
         red += basis[k] * sh[i, k, 0]
         green += basis[k] * sh[i, k, 1]
         blue += basis[k] * sh[i, k, 2]
-    splats[i, RED], splats[i, GREEN], splats[i, BLUE] = max(red, 0.0), max(green, 0.0), max(blue, 0.0)
+    splats[i, at.RED], splats[i, at.GREEN], splats[i, at.BLUE] = max(red, 0.0), max(green, 0.0), max(blue, 0.0)
     radius_squared = 2.0 * math.log(opacity / ALPHA_MIN)
-    _outline(p[2], fx, fy, cx0 - splats[i, CX], cy0 - splats[i, CY], su, sv, tangents, radius_squared, outlines, i)
+    _outline(p[2], fx, fy, cx0 - splats[i, at.CX], cy0 - splats[i, at.CY], su, sv, tangents, radius_squared, outlines, i)
     _box(splats, outlines, i, width_px, height_px, boxes)
 
 
@@ -188,8 +180,8 @@ def differentiate_surfel(
         for axis in range(3):
             grotation[c, axis] = camera[c] * gt[axis, 0] + camera[3 + c] * gt[axis, 1] + camera[6 + c] * gt[axis, 2]
     _quaternion_backward(quaternions, i, inverse, grotation, quaternion_gradients)
-    opacity = splats[i, OPACITY]
-    opacity_gradients[i] = splat_gradients[i, OPACITY] * opacity * (1.0 - opacity)
+    opacity = splats[i, at.OPACITY]
+    opacity_gradients[i] = splat_gradients[i, at.OPACITY] * opacity * (1.0 - opacity)
     _color_backward(
         positions, sh, i, degree, camera, splats, splat_gradients, basis, slopes, position_gradients, sh_gradients
     )  # fmt: skip
@@ -216,9 +208,10 @@ def project_backward(
 def _geometry_backward(log_scales, splats, g, i, fx, fy, p, tangents, q, gp, gt, log_scale_gradients):
     """From row i of gradients g (N, 16) of the splats to gp (3,) of its centre and gt (3, 3) of its axes in the camera frame."""
     n0, n1, n2 = tangents[2, 0], tangents[2, 1], tangents[2, 2]
-    g0, g1, g2 = g[i, CX] * fx / p[2], g[i, CY] * fy / p[2], g[i, ZC] - (g[i, CX] * fx * p[0] + g[i, CY] * fy * p[1]) / (p[2] * p[2])
+    g0, g1 = g[i, at.CX] * fx / p[2], g[i, at.CY] * fy / p[2]
+    g2 = g[i, at.ZC] - (g[i, at.CX] * fx * p[0] + g[i, at.CY] * fy * p[1]) / (p[2] * p[2])
     facing = -1.0 if q > 0 else 1.0
-    gn0, gn1, gn2 = facing * g[i, NX], facing * g[i, NY], facing * g[i, NZ]
+    gn0, gn1, gn2 = facing * g[i, at.NX], facing * g[i, at.NY], facing * g[i, at.NZ]
     gq = 0.0
     for axis in range(2):
         gt[axis, 0] = gt[axis, 1] = gt[axis, 2] = 0.0
@@ -226,7 +219,7 @@ def _geometry_backward(log_scales, splats, g, i, fx, fy, p, tangents, q, gp, gt,
         for axis in range(2):
             t0, t1, t2 = tangents[axis, 0], tangents[axis, 1], tangents[axis, 2]
             scale = math.exp(log_scales[i, axis])
-            first = U1 + 2 * axis
+            first = at.U1 + 2 * axis
             g_first, g_second = g[i, first] / (fx * scale), g[i, first + 1] / (fy * scale)
             along = (t0 * p[0] + t1 * p[1] + t2 * p[2]) / q
             dot = (g_first * n0 + g_second * n1) / q
@@ -240,9 +233,9 @@ def _geometry_backward(log_scales, splats, g, i, fx, fy, p, tangents, q, gp, gt,
             g1 -= dot * t1
             g2 += g_first * t0 + g_second * t1 - dot * t2
             log_scale_gradients[i, axis] = -(g[i, first] * splats[i, first] + g[i, first + 1] * splats[i, first + 1])
-        gn0 += g[i, A1] / (fx * q)
-        gn1 += g[i, A2] / (fy * q)
-        gq -= (g[i, A1] * splats[i, A1] + g[i, A2] * splats[i, A2]) / q
+        gn0 += g[i, at.A1] / (fx * q)
+        gn1 += g[i, at.A2] / (fy * q)
+        gq -= (g[i, at.A1] * splats[i, at.A1] + g[i, at.A2] * splats[i, at.A2]) / q
     gq /= p[2]
     gt[2, 0], gt[2, 1], gt[2, 2] = gn0 + gq * p[0], gn1 + gq * p[1], gn2 + gq * p[2]
     gp[0], gp[1], gp[2] = g0 + gq * n0, g1 + gq * n1, g2 + gq * (n2 - q)
@@ -265,9 +258,9 @@ def _color_backward(positions, sh, i, degree, camera, splats, g, basis, slopes, 
     dx, dy, dz, length = view_direction(positions, i, camera)
     sh_basis(degree, dx, dy, dz, basis)
     sh_gradient(degree, dx, dy, dz, slopes)
-    red = g[i, RED] if splats[i, RED] > 0.0 else 0.0
-    green = g[i, GREEN] if splats[i, GREEN] > 0.0 else 0.0
-    blue = g[i, BLUE] if splats[i, BLUE] > 0.0 else 0.0
+    red = g[i, at.RED] if splats[i, at.RED] > 0.0 else 0.0
+    green = g[i, at.GREEN] if splats[i, at.GREEN] > 0.0 else 0.0
+    blue = g[i, at.BLUE] if splats[i, at.BLUE] > 0.0 else 0.0
     gx = gy = gz = 0.0
     for k in range((degree + 1) * (degree + 1)):
         out[i, k, 0], out[i, k, 1], out[i, k, 2] = red * basis[k], green * basis[k], blue * basis[k]

@@ -11,40 +11,16 @@ import numba
 import numpy as np
 
 from zeroshop_steps.surface.rendering.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TILE_PX, TWO, ZERO
-from zeroshop_steps.surface.twodgs.kernels.intersection import HALF_SQRT, intersect_surfel
-from zeroshop_steps.surface.twodgs.kernels.project import (
-    A1,
-    A2,
-    ALPHA_MIN,
-    BLUE,
-    CX,
-    CY,
-    GREEN,
-    NX,
-    NY,
-    NZ,
-    OPACITY,
-    RED,
-    U1,
-    U2,
-    V1,
-    V2,
-    ZC,
-)
-
-# Planes of the image that `blend_forward` fills: colour, depth, normal, opacity, median depth, and the distortion
-# sum of eq. 13 with its first and second moments of the mapped depth.
-(OUT_R, OUT_G, OUT_B, OUT_DEPTH, OUT_NX, OUT_NY, OUT_NZ, OUT_ALPHA, OUT_MEDIAN, OUT_DISTORTION, OUT_M1, OUT_M2) = range(12)
-OUT_PLANES = 12
-GRAD_PLANES = 10
-"""Planes with a gradient: colour, depth, normal, opacity, median depth, distortion."""
+from zeroshop_steps.surface.twodgs.kernels import layout as at
+from zeroshop_steps.surface.twodgs.kernels.intersection import intersect_surfel
+from zeroshop_steps.surface.twodgs.kernels.project import ALPHA_MIN
 
 CUT = np.float32(ALPHA_MIN)
 ALPHA_MAX = np.float32(0.99)
 
 # Planes of a block's buffer: x, y, transmittance, then the outputs.
 _T, _OUT = 2, 3
-_PLANES = _OUT + OUT_PLANES
+_PLANES = _OUT + at.OUT_PLANES
 
 
 @numba.njit(cache=True, forceinline=True)
@@ -64,22 +40,8 @@ def _splat_kernel(distortion: bool) -> Callable:
     @numba.njit(cache=True, forceinline=True, fastmath=True, error_model="numpy")
     def blend_splat(splats, index, b, blocks, k1, k2):
         """Blend splat `index` into some blocks (one bit a block) of a tile's buffer; returns those that no light passes any more."""
-        cx, cy, zc, a1, a2 = splats[index, CX], splats[index, CY], splats[index, ZC], splats[index, A1], splats[index, A2]
-        u1, u2, v1, v2 = (
-            splats[index, U1] * HALF_SQRT,
-            splats[index, U2] * HALF_SQRT,
-            splats[index, V1] * HALF_SQRT,
-            splats[index, V2] * HALF_SQRT,
-        )
-        opacity, red, green, blue, nx, ny, nz = (
-            splats[index, OPACITY],
-            splats[index, RED],
-            splats[index, GREEN],
-            splats[index, BLUE],
-            splats[index, NX],
-            splats[index, NY],
-            splats[index, NZ],
-        )
+        cx, cy, u1, u2, v1, v2, a1, a2 = at.shape_of(splats, index)
+        zc, opacity, red, green, blue, nx, ny, nz = at.look_of(splats, index)
         k2_zc = k2 / zc
         dark = np.uint64(0)
         while blocks:
@@ -99,20 +61,20 @@ def _splat_kernel(distortion: bool) -> Callable:
                 w = t * alpha if visible else ZERO
                 b[i + PLANE[_T]] = t - w
                 lit += ONE if t - w >= STOP else ZERO
-                b[i + PLANE[_OUT + OUT_R]] += w * red
-                b[i + PLANE[_OUT + OUT_G]] += w * green
-                b[i + PLANE[_OUT + OUT_B]] += w * blue
-                b[i + PLANE[_OUT + OUT_DEPTH]] += w * z
-                b[i + PLANE[_OUT + OUT_NX]] += w * nx
-                b[i + PLANE[_OUT + OUT_NY]] += w * ny
-                b[i + PLANE[_OUT + OUT_NZ]] += w * nz
-                b[i + PLANE[_OUT + OUT_MEDIAN]] = z if visible & (t > HALF) else b[i + PLANE[_OUT + OUT_MEDIAN]]
+                b[i + PLANE[_OUT + at.OUT_R]] += w * red
+                b[i + PLANE[_OUT + at.OUT_G]] += w * green
+                b[i + PLANE[_OUT + at.OUT_B]] += w * blue
+                b[i + PLANE[_OUT + at.OUT_DEPTH]] += w * z
+                b[i + PLANE[_OUT + at.OUT_NX]] += w * nx
+                b[i + PLANE[_OUT + at.OUT_NY]] += w * ny
+                b[i + PLANE[_OUT + at.OUT_NZ]] += w * nz
+                b[i + PLANE[_OUT + at.OUT_MEDIAN]] = z if visible & (t > HALF) else b[i + PLANE[_OUT + at.OUT_MEDIAN]]
                 if distortion:
                     m = k1 - k2_zc * a
-                    m1, m2 = b[i + PLANE[_OUT + OUT_M1]], b[i + PLANE[_OUT + OUT_M2]]
-                    b[i + PLANE[_OUT + OUT_DISTORTION]] += w * (m * m * (ONE - t) + m2 - TWO * m * m1)
-                    b[i + PLANE[_OUT + OUT_M1]] = m1 + w * m
-                    b[i + PLANE[_OUT + OUT_M2]] = m2 + w * m * m
+                    m1, m2 = b[i + PLANE[_OUT + at.OUT_M1]], b[i + PLANE[_OUT + at.OUT_M2]]
+                    b[i + PLANE[_OUT + at.OUT_DISTORTION]] += w * (m * m * (ONE - t) + m2 - TWO * m * m1)
+                    b[i + PLANE[_OUT + at.OUT_M1]] = m1 + w * m
+                    b[i + PLANE[_OUT + at.OUT_M2]] = m2 + w * m * m
             dark |= np.uint64(0) if lit > ZERO else bit
         return dark
 
@@ -151,7 +113,7 @@ def blend_forward(splats, tiles, starts, splat_of, slot_of, blocks, tiles_x, dis
                 y0, x0 = tile_y * TILE_PX + block // ACROSS * BLOCK_PX, tile_x * TILE_PX + block % ACROSS * BLOCK_PX
                 start = block * _PLANES * LANES
                 for lane in range(LANES):
-                    b[start + (_OUT + OUT_ALPHA) * LANES + lane] = ONE - b[start + _T * LANES + lane]
-                for plane in range(OUT_PLANES):
+                    b[start + (_OUT + at.OUT_ALPHA) * LANES + lane] = ONE - b[start + _T * LANES + lane]
+                for plane in range(at.OUT_PLANES):
                     for lane in range(LANES):
                         image[plane, y0 + lane // BLOCK_PX, x0 + lane % BLOCK_PX] = b[start + (_OUT + plane) * LANES + lane]

@@ -13,38 +13,12 @@ from collections.abc import Callable
 import numba
 import numpy as np
 
+from zeroshop_steps.surface.rendering.tile_sums import NO_MAXIMUM, take_sums
 from zeroshop_steps.surface.rendering.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TILE_PX, TWO, ZERO
+from zeroshop_steps.surface.twodgs.kernels import layout as at
 from zeroshop_steps.surface.twodgs.kernels.intersection import HALF_SQRT, intersect_surfel
-from zeroshop_steps.surface.twodgs.kernels.project import (
-    A1,
-    A2,
-    BLUE,
-    CX,
-    CY,
-    GREEN,
-    NX,
-    NY,
-    NZ,
-    OPACITY,
-    RED,
-    SPLAT_WIDTH,
-    U1,
-    U2,
-    V1,
-    V2,
-    ZC,
-)  # fmt: skip
-from zeroshop_steps.surface.twodgs.kernels.rasterize import (
-    ALPHA_MAX,
-    CUT,
-    GRAD_PLANES,
-    OUT_ALPHA,
-    OUT_DISTORTION,
-    OUT_M1,
-    OUT_M2,
-    OUT_MEDIAN,
-    load_pixels,
-)  # fmt: skip
+from zeroshop_steps.surface.twodgs.kernels.layout import GRAD_PLANES, SPLAT_WIDTH
+from zeroshop_steps.surface.twodgs.kernels.rasterize import ALPHA_MAX, CUT, load_pixels
 
 # Planes of a block's buffer: x, y, transmittance, running sum, its total, the gradients, then the forward pass's totals.
 _T, _SUM, _TOTAL, _G, _ALPHA, _MEDIAN, _M1, _M2 = 2, 3, 4, 5, 15, 16, 17, 18
@@ -55,25 +29,11 @@ def _splat_kernel(distortion: bool) -> Callable:
     """The kernel of one splat, with or without a gradient of the distortion sum: decided when it is compiled."""
 
     @numba.njit(cache=True, forceinline=True, fastmath=True, error_model="numpy")
-    def differentiate_splat(splats, index, b, sums, blocks, k1, k2, out, slot):
-        """Gradients of splat `index` over some blocks (one bit a block) of a tile, into row `slot` of out; sums (16 * 16,) holds zeros."""
-        cx, cy, zc, a1, a2 = splats[index, CX], splats[index, CY], splats[index, ZC], splats[index, A1], splats[index, A2]
-        u1, u2, v1, v2 = (
-            splats[index, U1] * HALF_SQRT,
-            splats[index, U2] * HALF_SQRT,
-            splats[index, V1] * HALF_SQRT,
-            splats[index, V2] * HALF_SQRT,
-        )
+    def differentiate_splat(splats, index, b, sums, blocks, k1, k2, out):
+        """Gradients of splat `index` over some blocks (one bit a block) of a tile, into out (16,); sums (16 * 16,) holds zeros."""
+        cx, cy, u1, u2, v1, v2, a1, a2 = at.shape_of(splats, index)
+        zc, opacity, red, green, blue, nx, ny, nz = at.look_of(splats, index)
         inverse_zc = ONE / zc
-        opacity, red, green, blue, nx, ny, nz = (
-            splats[index, OPACITY],
-            splats[index, RED],
-            splats[index, GREEN],
-            splats[index, BLUE],
-            splats[index, NX],
-            splats[index, NY],
-            splats[index, NZ],
-        )
         while blocks:
             rest = blocks & (blocks - np.uint64(1))
             first = BIT[(blocks ^ rest) % np.uint64(19)] * np.uint64(_PLANES * LANES)
@@ -97,7 +57,7 @@ def _splat_kernel(distortion: bool) -> Callable:
                 if distortion:
                     inverse_z = inverse_zc * a
                     m = k1 - k2 * inverse_z
-                    g_distortion = b[i + PLANE[_G + OUT_DISTORTION]]
+                    g_distortion = b[i + PLANE[_G + at.OUT_DISTORTION]]
                     total_alpha, m1, m2 = b[i + PLANE[_ALPHA]], b[i + PLANE[_M1]], b[i + PLANE[_M2]]
                     value += g_distortion * (m * m * total_alpha + m2 - TWO * m * m1)
                 behind = b[i + PLANE[_SUM]] + w * value
@@ -110,77 +70,37 @@ def _splat_kernel(distortion: bool) -> Callable:
                 d_z = w * gz + (g_median if is_median else ZERO)
                 if distortion:
                     d_z += g_distortion * TWO * w * (m * total_alpha - m1) * k2 * inverse_z * inverse_z
-                sums[lane + PLANE[OPACITY]] += d_log
-                sums[lane + PLANE[RED]] += w * gr
-                sums[lane + PLANE[GREEN]] += w * gg
-                sums[lane + PLANE[BLUE]] += w * gb
-                sums[lane + PLANE[NX]] += w * gnx
-                sums[lane + PLANE[NY]] += w * gny
-                sums[lane + PLANE[NZ]] += w * gnz
+                sums[lane + PLANE[at.OPACITY]] += d_log
+                sums[lane + PLANE[at.RED]] += w * gr
+                sums[lane + PLANE[at.GREEN]] += w * gg
+                sums[lane + PLANE[at.BLUE]] += w * gb
+                sums[lane + PLANE[at.NX]] += w * gnx
+                sums[lane + PLANE[at.NY]] += w * gny
+                sums[lane + PLANE[at.NZ]] += w * gnz
                 d_zc = d_z * r
-                sums[lane + PLANE[ZC]] += d_zc
+                sums[lane + PLANE[at.ZC]] += d_zc
                 # Minus half the derivatives by the numerators of u and v, times sqrt(2), and by a, where the disk counts.
                 d_surfel = d_log * r if on_surfel else ZERO
                 d_u = d_surfel * u
                 d_v = d_surfel * v
                 d_a = (d_zc * HALF * z if on_surfel else ZERO) - d_surfel * at_surfel
                 d_pixel = ZERO if on_surfel else d_log
-                sums[lane + PLANE[U1]] += d_u * dx
-                sums[lane + PLANE[U2]] += d_u * dy
-                sums[lane + PLANE[V1]] += d_v * dx
-                sums[lane + PLANE[V2]] += d_v * dy
-                sums[lane + PLANE[A1]] += d_a * dx
-                sums[lane + PLANE[A2]] += d_a * dy
-                sums[lane + PLANE[CX]] += d_u * u1 + d_v * v1 + d_a * a1 + d_pixel * dx
-                sums[lane + PLANE[CY]] += d_u * u2 + d_v * v2 + d_a * a2 + d_pixel * dy
-        # One loop for all columns, which leaves zeros behind: the compiler sums sixteen registers across at once.
-        g_cx = g_cy = g_zc = g_u1 = g_u2 = g_v1 = g_v2 = g_a1 = g_a2 = g_op = ZERO
-        g_red = g_green = g_blue = g_nx = g_ny = g_nz = ZERO
-        for lane in range(np.uint64(LANES)):
-            g_cx += sums[lane + PLANE[CX]]
-            sums[lane + PLANE[CX]] = ZERO
-            g_cy += sums[lane + PLANE[CY]]
-            sums[lane + PLANE[CY]] = ZERO
-            g_zc += sums[lane + PLANE[ZC]]
-            sums[lane + PLANE[ZC]] = ZERO
-            g_u1 += sums[lane + PLANE[U1]]
-            sums[lane + PLANE[U1]] = ZERO
-            g_u2 += sums[lane + PLANE[U2]]
-            sums[lane + PLANE[U2]] = ZERO
-            g_v1 += sums[lane + PLANE[V1]]
-            sums[lane + PLANE[V1]] = ZERO
-            g_v2 += sums[lane + PLANE[V2]]
-            sums[lane + PLANE[V2]] = ZERO
-            g_a1 += sums[lane + PLANE[A1]]
-            sums[lane + PLANE[A1]] = ZERO
-            g_a2 += sums[lane + PLANE[A2]]
-            sums[lane + PLANE[A2]] = ZERO
-            g_op += sums[lane + PLANE[OPACITY]]
-            sums[lane + PLANE[OPACITY]] = ZERO
-            g_red += sums[lane + PLANE[RED]]
-            sums[lane + PLANE[RED]] = ZERO
-            g_green += sums[lane + PLANE[GREEN]]
-            sums[lane + PLANE[GREEN]] = ZERO
-            g_blue += sums[lane + PLANE[BLUE]]
-            sums[lane + PLANE[BLUE]] = ZERO
-            g_nx += sums[lane + PLANE[NX]]
-            sums[lane + PLANE[NX]] = ZERO
-            g_ny += sums[lane + PLANE[NY]]
-            sums[lane + PLANE[NY]] = ZERO
-            g_nz += sums[lane + PLANE[NZ]]
-            sums[lane + PLANE[NZ]] = ZERO
-        root = -TWO * HALF_SQRT
-        out[slot, CX], out[slot, CY], out[slot, ZC], out[slot, A1], out[slot, A2] = TWO * g_cx, TWO * g_cy, g_zc, -TWO * g_a1, -TWO * g_a2
-        out[slot, U1], out[slot, U2], out[slot, V1], out[slot, V2] = root * g_u1, root * g_u2, root * g_v1, root * g_v2
-        out[slot, OPACITY], out[slot, RED], out[slot, GREEN], out[slot, BLUE], out[slot, NX], out[slot, NY], out[slot, NZ] = (
-            g_op / opacity,
-            g_red,
-            g_green,
-            g_blue,
-            g_nx,
-            g_ny,
-            g_nz,
-        )
+                sums[lane + PLANE[at.U1]] += d_u * dx
+                sums[lane + PLANE[at.U2]] += d_u * dy
+                sums[lane + PLANE[at.V1]] += d_v * dx
+                sums[lane + PLANE[at.V2]] += d_v * dy
+                sums[lane + PLANE[at.A1]] += d_a * dx
+                sums[lane + PLANE[at.A2]] += d_a * dy
+                sums[lane + PLANE[at.CX]] += d_u * u1 + d_v * v1 + d_a * a1 + d_pixel * dx
+                sums[lane + PLANE[at.CY]] += d_u * u2 + d_v * v2 + d_a * a2 + d_pixel * dy
+        take_sums(sums, NO_MAXIMUM, out)
+        for column in (at.CX, at.CY):
+            out[column] *= TWO
+        for column in (at.U1, at.U2, at.V1, at.V2):
+            out[column] *= -TWO * HALF_SQRT
+        for column in (at.A1, at.A2):
+            out[column] *= -TWO
+        out[at.OPACITY] /= opacity
 
     return differentiate_splat
 
@@ -213,25 +133,25 @@ def blend_backward(
                     i = block * _PLANES * LANES + lane
                     y, x = y0 + lane // BLOCK_PX, x0 + lane % BLOCK_PX
                     b[i + _SUM * LANES] = 0.0
-                    total = TWO * gradient[OUT_DISTORTION, y, x] * image[OUT_DISTORTION, y, x]
+                    total = TWO * gradient[at.OUT_DISTORTION, y, x] * image[at.OUT_DISTORTION, y, x]
                     for plane in range(GRAD_PLANES):
                         b[i + (_G + plane) * LANES] = gradient[plane, y, x]
-                        if plane < OUT_MEDIAN:
+                        if plane < at.OUT_MEDIAN:
                             total += gradient[plane, y, x] * image[plane, y, x]
                     b[i + _TOTAL * LANES] = total
-                    b[i + _ALPHA * LANES] = image[OUT_ALPHA, y, x]
-                    b[i + _MEDIAN * LANES] = image[OUT_MEDIAN, y, x]
-                    b[i + _M1 * LANES] = image[OUT_M1, y, x]
-                    b[i + _M2 * LANES] = image[OUT_M2, y, x]
+                    b[i + _ALPHA * LANES] = image[at.OUT_ALPHA, y, x]
+                    b[i + _MEDIAN * LANES] = image[at.OUT_MEDIAN, y, x]
+                    b[i + _M1 * LANES] = image[at.OUT_M1, y, x]
+                    b[i + _M2 * LANES] = image[at.OUT_M2, y, x]
             for entry in range(starts[tile], starts[tile + 1]):
                 slot = slot_of[entry]
                 met = np.uint64(blocks[slot])
                 if met:
                     i = splat_of[entry]
                     if distortion:
-                        _differentiate_splat_with_distortion(splats, i, b, sums, met, k1, k2, slots, slot)
+                        _differentiate_splat_with_distortion(splats, i, b, sums, met, k1, k2, slots[slot])
                     else:
-                        _differentiate_splat(splats, i, b, sums, met, k1, k2, slots, slot)
+                        _differentiate_splat(splats, i, b, sums, met, k1, k2, slots[slot])
     for i in numba.prange(len(splats)):
         out[i] = ZERO
         for slot in range(slot_starts[i], slot_starts[i + 1]):

@@ -7,8 +7,8 @@ import numba
 import numpy as np
 
 from zeroshop_steps.surface.rendering.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, LANES, PLANE, STOP, TILE_PX, ZERO
-from zeroshop_steps.surface.twodgs.kernels.intersection import HALF_SQRT, intersect_surfel
-from zeroshop_steps.surface.twodgs.kernels.project import A1, A2, CX, CY, OPACITY, U1, U2, V1, V2, ZC
+from zeroshop_steps.surface.twodgs.kernels import layout as at
+from zeroshop_steps.surface.twodgs.kernels.intersection import intersect_surfel
 from zeroshop_steps.surface.twodgs.kernels.rasterize import ALPHA_MAX, CUT, load_pixels
 
 # Planes of a block's buffer: x, y, transmittance, median depth, weighted depth, weight.
@@ -19,14 +19,8 @@ _PLANES = 6
 @numba.njit(cache=True, forceinline=True, fastmath=True, error_model="numpy")
 def _add_splat(splats, index, b, blocks, reach):
     """Add splat `index` to some blocks (one bit a block) of a tile's buffer."""
-    cx, cy, zc, a1, a2 = splats[index, CX], splats[index, CY], splats[index, ZC], splats[index, A1], splats[index, A2]
-    u1, u2, v1, v2 = (
-        splats[index, U1] * HALF_SQRT,
-        splats[index, U2] * HALF_SQRT,
-        splats[index, V1] * HALF_SQRT,
-        splats[index, V2] * HALF_SQRT,
-    )
-    opacity = splats[index, OPACITY]
+    cx, cy, u1, u2, v1, v2, a1, a2 = at.shape_of(splats, index)
+    zc, opacity = splats[index, at.ZC], splats[index, at.OPACITY]
     while blocks:
         rest = blocks & (blocks - np.uint64(1))
         first = BIT[(blocks ^ rest) % np.uint64(19)] * np.uint64(_PLANES * LANES)

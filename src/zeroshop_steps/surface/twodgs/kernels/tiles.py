@@ -11,7 +11,8 @@ import numba
 import numpy as np
 
 from zeroshop_steps.surface.rendering.tiling import ACROSS, BLOCK_PX, TILE_PX, tiles_of
-from zeroshop_steps.surface.twodgs.kernels.project import COVARIANCE, CX, CY, HALF_X, HALF_Y, LOW_PASS, MARGIN_PX, MID_X, MID_Y, ZC
+from zeroshop_steps.surface.twodgs.kernels import layout as at
+from zeroshop_steps.surface.twodgs.kernels.project import MARGIN_PX
 
 _FAR, _TINY = np.float32(1e30), np.float32(1e-6)
 
@@ -50,7 +51,7 @@ def list_splats_by_tile(splats: np.ndarray, outlines: np.ndarray, boxes: np.ndar
     np.cumsum(slot_starts, out=slot_starts)
     blocks = np.zeros(slot_starts[-1], np.uint16)
     _mark_blocks(splats, outlines, boxes, tile_active, slot_starts, workers, blocks)
-    order = _front_to_back(splats[:, ZC])
+    order = _front_to_back(splats[:, at.ZC])
     per_tile = np.zeros(tile_active.size, np.int32)
     _count(order, boxes, slot_starts, blocks, tile_active.shape[1], workers, per_tile)
     starts = np.concatenate([[0], np.cumsum(per_tile)])
@@ -81,8 +82,8 @@ def mark_splat(splats, outlines, boxes, tile_active, slot_starts, i, width_px, b
     tile_left, tile_right, tile_top, tile_bottom = tiles_of(boxes, i)
     if tile_left >= tile_right:
         return
-    mid_x, mid_y, half_x, half_y = outlines[i, MID_X], outlines[i, MID_Y], outlines[i, HALF_X], outlines[i, HALF_Y]
-    covariance, low_pass = outlines[i, COVARIANCE], outlines[i, LOW_PASS]
+    mid_x, mid_y, half_x, half_y = outlines[i, at.MID_X], outlines[i, at.MID_Y], outlines[i, at.HALF_X], outlines[i, at.HALF_Y]
+    covariance, low_pass = outlines[i, at.COVARIANCE], outlines[i, at.LOW_PASS]
     everywhere = half_x == np.inf
     # The ellipse's edges are at x = middle + slope s -+ half sqrt(1 - s^2), s along y from -1 to 1; they are
     # farthest to the right at s = farthest, and to the left at -farthest.
@@ -93,8 +94,8 @@ def mark_splat(splats, outlines, boxes, tile_active, slot_starts, i, width_px, b
     for band in range(boxes[i, 2] // BLOCK_PX, (boxes[i, 3] - 1) // BLOCK_PX + 1):
         left, right = _FAR, -_FAR
         # Pixel j's centre is at j + 0.5.
-        first_y = np.float32(band * BLOCK_PX) + half_px - splats[i, CY]
-        last_y = np.float32(band * BLOCK_PX + BLOCK_PX) - half_px - splats[i, CY]
+        first_y = np.float32(band * BLOCK_PX) + half_px - splats[i, at.CY]
+        last_y = np.float32(band * BLOCK_PX + BLOCK_PX) - half_px - splats[i, at.CY]
         top, bottom = (first_y - mid_y) * inverse, (last_y - mid_y) * inverse
         if (top <= one) & (bottom >= -one):
             s = min(max(farthest, top), bottom)
@@ -107,8 +108,8 @@ def mark_splat(splats, outlines, boxes, tile_active, slot_starts, i, width_px, b
             left, right = min(left, -reach), max(right, reach)
         if everywhere:
             left, right = -_FAR, _FAR
-        left = min(max(splats[i, CX] + left - one + half_px, zero), width_px)
-        right = min(max(splats[i, CX] + right - half_px, -one), width_px)
+        left = min(max(splats[i, at.CX] + left - one + half_px, zero), width_px)
+        right = min(max(splats[i, at.CX] + right - half_px, -one), width_px)
         first, last = max(int(math.ceil(left)), boxes[i, 0]), min(int(math.floor(right)), boxes[i, 1] - 1)
         if first > last:
             continue

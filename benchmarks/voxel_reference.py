@@ -9,8 +9,8 @@ import torch
 
 from zeroshop_steps.surface.rendering.spherical_harmonics import spherical_harmonics
 from zeroshop_steps.surface.rendering.tiling import STOP
+from zeroshop_steps.surface.svraster.kernels.intersection import DENSITY_SCALE, LINEAR_FROM, SAMPLES
 from zeroshop_steps.surface.svraster.kernels.project import FLAT
-from zeroshop_steps.surface.svraster.kernels.rasterize import DENSITY_SCALE, LINEAR_FROM, SAMPLES
 from zeroshop_steps.surface.svraster.octree import CORNER_OFFSETS, Octree
 
 
