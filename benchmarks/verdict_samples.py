@@ -22,7 +22,7 @@ from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model, take_came
 from zeroshop_steps.networks.saliency.object_finder import cut_main_things
 from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.register.colmap import ColmapOptions, match_images
-from zeroshop_steps.register.features.sift import SiftOptions
+from zeroshop_steps.register.features.sift import SiftOptions, fit_to_count
 from zeroshop_steps.register.final_checks import FinalChecks
 from zeroshop_steps.register.final_refinement import Hypothesis, Improver
 from zeroshop_steps.register.mapping.mapper import make_mapping_options, map_incrementally
@@ -42,8 +42,7 @@ FEWEST = 5  # images of a model
 KINDS = {"scene": ("all", "hinge"), "true_masks": ("all", "few", "hinge"), "found_masks": ("all", "row", "few_1")}
 ALIKE_KINDS = {"scene": ("all", "row"), "true_masks": ("all", "row", "draw", "row_1", "few_1")}
 """Of the models that are made, by how the matches were found; `ALIKE_KINDS` of objects whose sides look alike."""
-MOST_DROPPED = 0  # rounds in which images are placed again or left out: each takes as long as a model, and wrong ones are wanted
-ENOUGH_FEATURES, MOST_FEATURES = 300, 800  # of an image: models of few points are made soon, and are more often wrong
+ENOUGH_FEATURES, MOST_FEATURES = 300, 800  # of an image, where models are not refined: those of few points are made soon
 FEW_MATCHES = {"few": 25, "few_1": 60}  # of a pair, at most, as objects with little print give
 HINGE_MATCHES, HINGE_PAIRS = 20, 3  # that hold two halves together
 
@@ -72,17 +71,17 @@ def sample(capture: Path, network: SalientObjectNetwork | None, scratch: Path, r
         capture: folder with capture/ (images/, truth/ with cameras and masks/) and model/model_info.json.
         network: finds masks; without one, the sides of the object look alike.
         scratch: an empty folder.
-        refined: whether models are repaired and refined, which takes most of the time.
+        refined: whether features are many, and models repaired and refined, which takes most of the time.
     """
     truth = read_sparse_model(capture / "capture" / "truth").cameras
     diameter_mm = read_json(capture / "model" / "model_info.json")["diameter"]
     kinds = KINDS if network else ALIKE_KINDS
-    for matches in match_in_all_ways(capture, network, scratch):
+    for matches in match_in_all_ways(capture, network, scratch, refined):
         for kind, database, image_set in choose_images(matches, kinds[matches.name], scratch / matches.name, random.Random(capture.name)):
             begun_s, folder = time.monotonic(), database.parent
             by_object, found = image_set.masks is not None, image_set.masks_found
             limits = ConsistencyLimits(wrong_masks_share=WRONG_MASKS_OF_OBJECT) if found else ConsistencyLimits()
-            structure = StructureOptions(object_only=by_object and not found, leave_out=True, max_dropped=MOST_DROPPED, limits=limits)
+            structure = StructureOptions(object_only=by_object and not found, leave_out=True, limits=limits)
             model = map_incrementally(database, image_set.images[0].parent, folder / "models", make_mapping_options(FEWEST, 0))
             if model is None:
                 continue
@@ -123,8 +122,8 @@ def sample(capture: Path, network: SalientObjectNetwork | None, scratch: Path, r
             shutil.rmtree(folder)
 
 
-def match_in_all_ways(capture: Path, network: SalientObjectNetwork | None, scratch: Path) -> Iterator[Matches]:
-    """Matches of the object alone, and of the whole scene."""
+def match_in_all_ways(capture: Path, network: SalientObjectNetwork | None, scratch: Path, many: bool) -> Iterator[Matches]:
+    """Matches of the object alone, and of the whole scene; of as many features as a registration has, or of few."""
     whole = read_image_set(capture / "capture")
     true_masks = tuple(capture / "capture" / "truth" / "masks" / f"{path.stem}.png" for path in whole.images)
     ways = {"true_masks": replace(whole, masks=true_masks), "scene": whole}
@@ -137,8 +136,9 @@ def match_in_all_ways(capture: Path, network: SalientObjectNetwork | None, scrat
         folder = scratch / name
         folder.mkdir()
         structure = StructureOptions(object_only=image_set.masks is not None, leave_out=True)
-        sift = SiftOptions(threads=1, max_features=MOST_FEATURES, enough_features=ENOUGH_FEATURES)
-        options = ColmapOptions(sift, structure, weak_matches=0)
+        few = SiftOptions(threads=1, max_features=MOST_FEATURES, enough_features=ENOUGH_FEATURES)
+        sift = fit_to_count(SiftOptions(threads=1), len(image_set.images)) if many else few
+        options = ColmapOptions(sift, structure)
         graph = match_images(folder / "database.db", image_set, options, Stopwatch())
         yield Matches(name, folder / "database.db", image_set, graph.may_match())
 
