@@ -50,4 +50,18 @@ def test_a_fit_writes_the_weights_and_judges_the_other_half(fitting, tmp_path, m
     stored = json.loads((tmp_path / "weights.txt").read_text())
     assert stored["weights"].keys() == MEASURES.keys() and stored["weights"][names[0]] > stored["weights"][names[1]]
     said = capsys.readouterr().out
-    assert "the other half" in said and "area below the ROC curve 0.9" in said
+    lines = said.splitlines()
+    (equal,) = [line for line in lines if line.startswith("judged half, equal weights")]
+    (fitted,) = [line for line in lines if line.startswith("judged half, fitted weights")]
+    assert float(fitted.rpartition(" ")[2]) >= max(0.9, float(equal.rpartition(" ")[2]) - 0.02)
+    loss = {line.partition(":")[0].strip(): float(line.partition("entropy ")[2].partition(";")[0]) for line in lines if "entropy" in line}
+    assert loss[f"without {names[0]}"] > loss[f"without {names[1]}"] + 0.1
+
+
+def test_every_second_capture_counts_as_a_film(fitting, tmp_path):
+    row = {"strengths": {"error": 0.4}, "jump": 2.0}
+    for number in (1, 2):
+        (tmp_path / f"tea_box_{number}.json").write_text(json.dumps([row]))
+    photos, film = fitting.read_samples(tmp_path)
+    assert photos["object"] == film["object"] == "tea_box"
+    assert "jump" not in photos["strengths"] and film["strengths"] == {"error": 0.4, "jump": 2.0}
