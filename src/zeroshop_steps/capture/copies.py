@@ -18,7 +18,7 @@ NOISE_LEVELS = 4.0  # of 255: blocks that vary less say nothing
 LEAST_CORRELATION = 0.5
 """In each block of two encodings of a photo: 0.74 and more of JPEG at a quality of 10 or reduced to a quarter (five captures of photos);
 at 3 or 5 it has 0.52 and more by the noise that is expected. Neighbouring frames of two films have up to 0.45, but for pairs while the
-camera hardly moved, which have 0.9; neighbouring photos of five captures have up to 0.11, also compressed so."""
+camera hardly moved, which have 0.9; neighbouring photos of four captures have up to 0.11, also compressed so."""
 OTHER_STEP, OTHER_PIXELS = 2.0, 1.1
 """So many times as coarse a quantization, or as many pixels, and a photo was not saved as the other was: cameras keep to theirs."""
 COMPARED_SIDE_PX = 2 * MAX_SIDE_PX  # at most, of two encodings of one photo: 85 MB
