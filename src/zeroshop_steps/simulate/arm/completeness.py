@@ -25,11 +25,12 @@ class TrueSurface:
     Args:
         scene: the model on its table.
         viewpoints: all cameras that can be reached, in the world.
+        seed: of the samples.
     """
 
-    def __init__(self, scene: ScanScene, viewpoints: Iterable[Camera]) -> None:
+    def __init__(self, scene: ScanScene, viewpoints: Iterable[Camera], seed: int = 0) -> None:
         mesh = Mesh(scene.points_m, scene.mesh.faces)
-        self._points, faces = sample_surface(mesh, SAMPLES, np.random.default_rng(0))
+        self._points, faces = sample_surface(mesh, SAMPLES, np.random.default_rng(seed))
         self._normals = mesh.face_normals()[faces]
         self._scene = scene
         counts = np.zeros(len(self._points), int)
