@@ -8,7 +8,7 @@ import pytest
 
 from helpers.camera_ring import ring_camera
 from zeroshop_steps.geometry.support.scene_support import SceneSupport
-from zeroshop_steps.segment.plane_sweep import shrink, sweep
+from zeroshop_steps.segment.quality.plane_sweep import shrink, sweep
 
 SIZE, FOCAL, DISTANCE, COUNT = (240, 180), 260.0, 4.0, 12
 GROUND = SceneSupport(np.array([0.0, 0.0, 1.0]), 0.0, np.zeros(3), DISTANCE, 1)

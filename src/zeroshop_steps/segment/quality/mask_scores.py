@@ -22,8 +22,8 @@ from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
 from zeroshop_steps.segment.cues import points as points_cue
 from zeroshop_steps.segment.cues import prompted
 from zeroshop_steps.segment.mask_hull import Solution
-from zeroshop_steps.segment.plane_sweep import WINDOW_PX, shrink, sweep
 from zeroshop_steps.segment.quality.mask_quality import MaskQuality
+from zeroshop_steps.segment.quality.plane_sweep import WINDOW_PX, shrink, sweep
 from zeroshop_steps.segment.scene import MaskScene
 from zeroshop_steps.segment.support import find_clusters
 from zeroshop_steps.segment.support_voxels import VoxelGrid
@@ -177,8 +177,8 @@ def _measure_contradicted(scene: MaskScene, solution: Solution, masks: Sequence[
 
 
 def _measure_flat(scene: MaskScene, solution: Solution, masks: Sequence[np.ndarray]) -> float:
-    support, ground = solution.guess.support, points_cue.choose_ground(scene, solution.guess)
-    ground = ground or support
+    support = solution.guess.support
+    ground = points_cue.choose_ground(scene, solution.guess) or support
     if ground is None:
         return 0.0
     ground = scene.place(ground) if support is None else replace(ground, focus=support.focus, distance=support.distance)

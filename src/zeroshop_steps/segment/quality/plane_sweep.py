@@ -42,11 +42,11 @@ def shrink(image: np.ndarray, camera: Camera) -> SweptPhoto:
 def sweep(photos: Sequence[SweptPhoto], index: int, ground: SceneSupport) -> tuple[np.ndarray, np.ndarray]:
     """(h, w) float32 each, 0 to 1: how well a photo correlates with its neighbours by planes near the focus above the ground, and by all
     others: at the ground's height, below it, or far away."""
-    own, others = photos[index], _choose_neighbours([photo.camera for photo in photos], index, ground.focus)
+    own, others = photos[index], _choose_neighbours(photos, index, ground.focus)
     nearest, reach, rise, above = _measure_rays(own.camera, ground, NEAR * ground.distance)
     raised, elsewhere = np.zeros((2, *own.grey.shape), np.float32)
     for height in HEIGHTS * ground.distance:
-        correlation = _correlate(own, [photos[other] for other in others], ground, height)
+        correlation = _correlate(own, others, ground, height)
         near = np.abs((height - above) / rise - nearest) < reach
         if height >= RAISED * ground.distance:
             np.maximum(raised, np.where(near, correlation, 0), out=raised)
@@ -60,12 +60,12 @@ def _measure_windows(grey: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return mean, np.sqrt(np.maximum(square - mean * mean, 0) + NOISE_LEVELS**2)
 
 
-def _choose_neighbours(cameras: Sequence[Camera], index: int, focus: np.ndarray) -> list[int]:
-    ways = np.array([camera.centre_in_world - focus for camera in cameras])
+def _choose_neighbours(photos: Sequence[SweptPhoto], index: int, focus: np.ndarray) -> list[SweptPhoto]:
+    ways = np.array([photo.camera.centre_in_world - focus for photo in photos])
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     angles = np.degrees(np.arccos(np.clip(ways @ ways[index], -1, 1)))
     inside = (angles > ANGLES_DEG[0]) & (angles < ANGLES_DEG[1])
-    return [int(other) for other in np.argsort(angles) if inside[other]][:NEIGHBOURS]
+    return [photos[other] for other in np.argsort(angles) if inside[other]][:NEIGHBOURS]
 
 
 def _measure_rays(camera: Camera, ground: SceneSupport, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
