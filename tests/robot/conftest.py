@@ -9,6 +9,7 @@ import time
 import pytest
 
 from helpers.painted_scene import write_painted_dataset
+from helpers.scan_messages import make_placed_node
 
 START_S = 60  # for roscore on a busy machine
 
@@ -42,3 +43,9 @@ def roscore(tmp_path_factory):
     finally:
         process.terminate()
         process.wait(30)
+
+
+@pytest.fixture
+def node(tmp_path):
+    """A scan's node that knows how its camera is mounted, and its lens."""
+    return make_placed_node(tmp_path)
