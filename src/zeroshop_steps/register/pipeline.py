@@ -21,7 +21,6 @@ from zeroshop_steps.register.scene.record import (
     PHOTO_SCENES,
     Record,
     TooFewRegistered,
-    describe_lenses,
     describe_model,
     find_missing,
 )
@@ -186,9 +185,9 @@ def write_checked(hypothesis: Hypothesis, image_set: ImageSet, asked: FinalCheck
         record = record.warn(
             f"the masks of {len(report.wrong_masks)} of {len(image_set.images)} photos contradict those of the others: {shown}"
         )
-    pinhole_model = undistort(model, image_set, asked.folder)
+    pinhole_model, lenses = undistort(model, image_set, asked.folder)
     record.stopwatch.lap("undistort")
-    record = record.add(**describe_lenses(model), **describe_model(pinhole_model))
+    record = record.judge(lenses).add(**describe_model(pinhole_model))
     record.stopwatch.stop()
     return verify(record, asked.about(hypothesis, pinhole_model), pinhole_model, report.max_wrong_probability)
 

@@ -25,7 +25,7 @@ from zeroshop_steps.register.pipeline import WRONG_MASKS_OF_OBJECT, StructureOpt
 from zeroshop_steps.register.refinement.guided_matching import adjust_by_guided_tracks
 from zeroshop_steps.register.scene.image_set import ImageSet, read_masks
 from zeroshop_steps.register.scene.lenses import import_images
-from zeroshop_steps.register.scene.record import Record, RegistrationFailed, Stopwatch, describe_lenses, describe_model, find_missing
+from zeroshop_steps.register.scene.record import Record, RegistrationFailed, Stopwatch, describe_model, find_missing
 from zeroshop_steps.register.scene.undistortion import undistort
 from zeroshop_steps.register.silhouettes.model_adjustment import adjust_model_by_silhouettes
 from zeroshop_steps.register.silhouettes.pose_alternatives import find_alternatives, mirror, replace_worst
@@ -112,9 +112,9 @@ def register(image_set: ImageSet, out: Path, options: SilhouetteOptions) -> dict
         record = record.add(joint_miss_px=list(joint.missed_px), guided=guided)
         record.stopwatch.lap("guide")
         evidence = count_epipolar_support(model, database)
-        pinhole_model = undistort(model, image_set, out)
+        pinhole_model, lenses = undistort(model, image_set, out)
         record.stopwatch.lap("undistort")
-    record = record.judge(find_missing(whole, placed)).add(**describe_lenses(model), **describe_model(pinhole_model))
+    record = record.judge(find_missing(whole, placed)).judge(lenses).add(**describe_model(pinhole_model))
     supporting, contradicting = int(evidence.supporting.sum()) // 2, int(evidence.contradicting.sum()) // 2
     record = record.add(matches={"supporting": supporting, "contradicting": contradicting})
     record.stopwatch.stop()

@@ -6,7 +6,7 @@ the registration wrote it, segmentation.json with the quality of the masks, expo
 
 import argparse
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from zeroshop_steps.geometry.imaging.contact_sheets import RED, arrange_in_rows,
 from zeroshop_steps.geometry.imaging.images import read_image, write_image, write_mask
 from zeroshop_steps.register.refinement.camera_deviation import write_deviations
 from zeroshop_steps.register.refinement.silhouette_refinement import Straightened, carry_plane, straighten_cameras, warn_of_bent_cameras
-from zeroshop_steps.register.scene.record import read_registration
+from zeroshop_steps.register.scene.record import find_lens, read_registration
 from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import atomic_directory, link_or_copy, read_json, write_json
@@ -28,6 +28,7 @@ from zeroshop_steps.segment.photometry.exposure import Exposure, equalize_exposu
 from zeroshop_steps.segment.quality.mask_agreement import assess_masks
 from zeroshop_steps.segment.quality.mask_quality import MasksRejected, find_contradicted
 
+WIDE_SHARE = 0.9  # of a photo, that is left of it undistorted: of ordinary lenses, more is
 DARKENED_BY = 3  # what lies outside a mask, on the sheet of all masks
 RECORD = "segmentation.json"
 """The file beside images/ and masks/ that says how the masks were found and how good they are."""
@@ -107,7 +108,7 @@ def write_segmented(
         write_json(folder / "registration.json", registration)
         write_json(folder / RECORD, record)
         write_image(folder / "contact_sheet.png", draw_mask_sheet([view.image_path for view in views], masks, dropped))
-    warn_of_dropped(record)
+    warn_of_dropped(record, registration)
     warn_of_bent_cameras(straightened)
 
 
@@ -141,12 +142,17 @@ def read_mask_record(folder: Path | None) -> dict[str, Any]:
     return read_json(folder / RECORD) if folder and (folder / RECORD).is_file() else {"method": "given"}
 
 
-def warn_of_dropped(record: dict[str, Any]) -> None:
-    """Warn of images that are left out, with the reason, and of images that cut the object off."""
+def warn_of_dropped(record: dict[str, Any], registration: Mapping[str, Any] | None = None) -> None:
+    """Warn of images that are left out, with the reason, and of images that cut the object off, also since they were undistorted."""
     for name, fault in record.get("dropped", {}).items():
         warn(f"{name} is left out: {fault}")
-    if record.get("cut_off"):
-        warn(f"the object is cut off at the border in {', '.join(record['cut_off'])}; step back and keep all of it in the image")
+    if cut := record.get("cut_off"):
+        shown = min(((find_lens(registration or {}, Path(name).stem) or {}).get("shown_share", 1.0) for name in cut), default=1.0)
+        wide = f"; undistorted, they show {shown:.0%} of the photos, as the lens is wide: keep the object in the middle"
+        warn(
+            f"the object is cut off at the border in {', '.join(cut)}; step back and keep all of it in the image"
+            f"{wide if shown < WIDE_SHARE else ''}"
+        )
 
 
 def draw_mask_sheet(paths: list[Path], masks: list[np.ndarray], dropped: set[str]) -> np.ndarray:

@@ -19,7 +19,7 @@ from zeroshop_steps.register.da3.refinement import RoughScene, TooFewMatches, st
 from zeroshop_steps.register.features.sift import fit_to_count
 from zeroshop_steps.register.registration import read_options, write_registration
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.scene.record import Record, RegistrationFailed, describe_lenses, describe_model
+from zeroshop_steps.register.scene.record import Record, RegistrationFailed, describe_model
 from zeroshop_steps.register.scene.undistortion import undistort
 from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward, decode_cameras, find_confirmed_points
 from zeroshop_steps.register.vggt.frames import Frames, find_usable_pixels, fit_size, read_frames
@@ -119,8 +119,8 @@ def _take_cameras(
     model = build_feed_forward_model(cameras, points)
     remedy = REMEDY if options.refine == "matches" else REFINE + REMEDY
     evidence = check_feed_forward(cameras, points, image_set, options.unrefined_px, options.min_agreement, remedy)
-    pinhole_model = undistort(model, image_set, out)
-    record = record.add(**evidence.entries, **describe_lenses(model), **describe_model(pinhole_model))
+    pinhole_model, lenses = undistort(model, image_set, out)
+    record = record.judge(lenses).add(**evidence.entries, **describe_model(pinhole_model))
     record.stopwatch.lap("depth")
     record.stopwatch.stop()
     return record.judge(evidence, pinhole_model)

@@ -81,8 +81,10 @@ class DepthFolder:
         stem = Path(view.camera.name).stem
         if stem not in self.files:
             return None
-        measured_mm = depth_to_mm(_read_steps(self.files[stem], view), self.steps_mm[view.pass_number], str(self.files[stem]))
-        return undistort_by_lens(measured_mm, find_lens(dict(self.lenses), stem), cv2.INTER_NEAREST, cv2.BORDER_CONSTANT)
+        lens = find_lens(dict(self.lenses), stem)
+        size_px = (lens["width_px"], lens["height_px"]) if lens else (view.camera.width_px, view.camera.height_px)
+        measured_mm = depth_to_mm(_read_steps(self.files[stem], size_px), self.steps_mm[view.pass_number], str(self.files[stem]))
+        return undistort_by_lens(measured_mm, lens, cv2.INTER_NEAREST, cv2.BORDER_CONSTANT)
 
     def check_unit(self, view: View, median_mm: float) -> None:
         """Raise StepError where the object's median depth in an image is nothing that a camera measures."""
@@ -142,15 +144,19 @@ def _find_files(folder: Path, views: Sequence[View], capture_record: Path, numbe
     return found
 
 
-def _read_steps(path: Path, view: View) -> np.ndarray:
-    """(height, width) uint16 steps. Raises StepError for an image that is no depth image, or not aligned with its photo."""
+def _read_steps(path: Path, size_px: tuple[int, int]) -> np.ndarray:
+    """(height, width) uint16 steps, of a photo of (width, height).
+
+    Raises:
+        StepError: it is no depth image, or not aligned with its photo.
+    """
     depth = decode_image(path, cv2.IMREAD_UNCHANGED)
     if depth.ndim != 2 or depth.dtype != np.uint16:
         kind = f"{depth.dtype} with {1 if depth.ndim == 2 else depth.shape[2]} channel(s)"
         raise StepError(f"depth image {path} is {kind}; expected a 16-bit PNG with one channel, in millimetres")
-    if depth.shape != (view.camera.height_px, view.camera.width_px):
+    if depth.shape[::-1] != size_px:
         raise StepError(
-            f"depth image {path} is {depth.shape[1]} x {depth.shape[0]} px, its photo {view.camera.width_px} x {view.camera.height_px} px: "
+            f"depth image {path} is {depth.shape[1]} x {depth.shape[0]} px, its photo {size_px[0]} x {size_px[1]} px: "
             "it is not aligned with the photo; export depth that is aligned to the colour image"
         )
     return depth

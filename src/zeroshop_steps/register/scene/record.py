@@ -176,27 +176,6 @@ def describe_model(model: pycolmap.Reconstruction) -> dict[str, Any]:
     }
 
 
-def describe_lenses(model: pycolmap.Reconstruction) -> dict[str, Any]:
-    """The lenses that the images had before they were undistorted, for data that is aligned with them.
-
-    Returns:
-        `lens`, that of all images, or None if there are several; then `lenses` has that of each image, by its stem.
-    """
-    lenses = {
-        camera_id: {
-            "model": camera.model.name,
-            "width_px": camera.width,
-            "height_px": camera.height,
-            "params": [float(p) for p in camera.params],
-        }
-        for camera_id, camera in model.cameras.items()
-    }
-    if len(lenses) == 1:
-        return {"lens": next(iter(lenses.values()))}
-    images = sorted((model.images[image_id] for image_id in model.reg_image_ids()), key=lambda image: image.name)
-    return {"lens": None, "lenses": {Path(image.name).stem: lenses[image.camera_id] for image in images}}
-
-
 def find_lens(record: Mapping[str, Any], stem: str) -> dict[str, Any] | None:
     """The lens of an image in a registration's record; None where the registration found none, or there was no distortion."""
     return record.get("lens") or record.get("lenses", {}).get(stem)

@@ -11,10 +11,12 @@ from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.sparse_files import write_reconstruction
 from zeroshop_steps.geometry.imaging.images import read_image, read_mask, write_image, write_mask
 from zeroshop_steps.register.scene.image_set import ImageSet
+from zeroshop_steps.register.scene.pinhole_view import PinholeView, describe_hidden, make_pinholes, make_view, measure_hidden, measure_view
+from zeroshop_steps.register.scene.record import Evidence
 from zeroshop_steps.runtime.errors import StepError
 
 
-def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) -> pycolmap.Reconstruction:
+def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) -> tuple[pycolmap.Reconstruction, Evidence]:
     """Write `out`/images, `out`/masks (where there are masks) and `out`/sparse for all registered images, with PINHOLE cameras.
 
     Images are resampled with bicubic, masks with nearest-neighbour interpolation, by the same map. All are written as
@@ -26,25 +28,30 @@ def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) ->
         out: folder to fill.
 
     Returns:
-        The model written, whose images are named `STEM.png`.
+        The model written, whose images are named `STEM.png`; and the lenses that the images had before, with a warning where the
+        pinhole cameras do not show all of the object: `lens`, that of all images, or None if there are several; then `lenses` has
+        that of each image, by its stem.
     """
-    maps = {camera_id: make_undistortion_map(camera) for camera_id, camera in model.cameras.items()}
+    views = {camera_id: make_view(model.cameras[camera_id], camera) for camera_id, camera in make_pinholes(model, image_set).items()}
     files = {path.name: path for path in image_set.images}
     masks = dict(zip(image_set.names, image_set.masks or (), strict=image_set.masks is not None))
     pinhole_model = pycolmap.Reconstruction()
-    for camera_id, (pinhole, _) in sorted(maps.items()):
-        pinhole.camera_id = camera_id
-        pinhole_model.add_camera_with_trivial_rig(pinhole)
+    hidden: dict[str, float] = {}
+    for camera_id, view in sorted(views.items()):
+        view.camera.camera_id = camera_id
+        pinhole_model.add_camera_with_trivial_rig(view.camera)
     for image_id in sorted(model.reg_image_ids()):
         image = model.images[image_id]
-        pinhole, (map_x, map_y) = maps[image.camera_id]
-        image_file = files[image.name]
-        pixels = cv2.remap(read_image(image_file), map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        lens, view = model.cameras[image.camera_id], views[image.camera_id]
+        image_file, pinhole = files[image.name], view.camera
+        pixels = view.remap(read_image(image_file), cv2.INTER_CUBIC, cv2.BORDER_REPLICATE)
         write_image(out / "images" / f"{image_file.stem}.png", pixels)
         if image.name in masks:
-            write_mask(out / "masks" / f"{image_file.stem}.png", _remap_mask(masks[image.name], map_x, map_y))
+            mask = read_mask(masks[image.name])
+            hidden[image_set.shown[image.name]] = measure_hidden(lens, pinhole, mask)
+            write_mask(out / "masks" / f"{image_file.stem}.png", _remap_mask(mask, view))
         points = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
-        rays = model.cameras[image.camera_id].cam_from_img(points)
+        rays = lens.cam_from_img(points)
         points = rays * [pinhole.focal_length_x, pinhole.focal_length_y] + [pinhole.principal_point_x, pinhole.principal_point_y]
         copied = pycolmap.Image(name=f"{image_file.stem}.png", keypoints=points, camera_id=image.camera_id, image_id=image_id)
         pinhole_model.add_image_with_trivial_frame(copied, image.cam_from_world())
@@ -56,7 +63,31 @@ def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) ->
             pinhole_model.images[element.image_id].set_point3D_for_point2D(element.point2D_idx, point_id)
     pinhole_model.update_point_3d_errors()
     write_reconstruction(pinhole_model, out / "sparse")
-    return pinhole_model
+    warning = describe_hidden(hidden)
+    return pinhole_model, Evidence(_describe_lenses(model, views), warnings=(warning,) if warning else ())
+
+
+def _describe_lenses(model: pycolmap.Reconstruction, views: dict[int, PinholeView]) -> dict[str, Any]:
+    """The lenses of a model, for data that is aligned with the photos as they were taken, and what undistorted photos show of them."""
+    lenses = {
+        camera_id: {
+            "model": camera.model.name,
+            "width_px": camera.width,
+            "height_px": camera.height,
+            "params": [float(p) for p in camera.params],
+            "pinhole": {
+                "width_px": views[camera_id].camera.width,
+                "height_px": views[camera_id].camera.height,
+                "params": [float(p) for p in views[camera_id].camera.params],
+            },
+            "shown_share": round(measure_view(camera, views[camera_id].camera), 3),
+        }
+        for camera_id, camera in model.cameras.items()
+    }
+    if len(lenses) == 1:
+        return {"lens": next(iter(lenses.values()))}
+    images = sorted((model.images[image_id] for image_id in model.reg_image_ids()), key=lambda image: image.name)
+    return {"lens": None, "lenses": {Path(image.name).stem: lenses[image.camera_id] for image in images}}
 
 
 def undistort_masks(model: pycolmap.Reconstruction, image_set: ImageSet) -> tuple[list[Camera], dict[str, np.ndarray]]:
@@ -67,20 +98,20 @@ def undistort_masks(model: pycolmap.Reconstruction, image_set: ImageSet) -> tupl
     """
     if image_set.masks is None:
         raise StepError("a whole scene has no masks to undistort")
-    maps = {camera_id: make_undistortion_map(camera) for camera_id, camera in model.cameras.items()}
+    views = {camera_id: make_view(model.cameras[camera_id], camera) for camera_id, camera in make_pinholes(model, image_set).items()}
     masks = dict(zip(image_set.names, image_set.masks, strict=True))
     cameras, undistorted = [], {}
     for image in sorted((model.images[image_id] for image_id in model.reg_image_ids()), key=lambda image: image.name):
-        pinhole, (map_x, map_y) = maps[image.camera_id]
+        pinhole = views[image.camera_id].camera
         camera_from_world = np.eye(4)
         camera_from_world[:3] = image.cam_from_world().matrix()
         cameras.append(Camera(image.name, pinhole.width, pinhole.height, np.array(pinhole.calibration_matrix()), camera_from_world))
-        undistorted[image.name] = _remap_mask(masks[image.name], map_x, map_y)
+        undistorted[image.name] = _remap_mask(read_mask(masks[image.name]), views[image.camera_id])
     return cameras, undistorted
 
 
-def _remap_mask(path: Path, map_x: np.ndarray, map_y: np.ndarray) -> np.ndarray:
-    return cv2.remap(read_mask(path).astype(np.uint8), map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE) > 0
+def _remap_mask(mask: np.ndarray, view: PinholeView) -> np.ndarray:
+    return view.remap(mask.astype(np.uint8), cv2.INTER_NEAREST, cv2.BORDER_REPLICATE) > 0
 
 
 def undistort_by_lens(image: np.ndarray, lens: dict[str, Any] | None, interpolation: int, border: int) -> np.ndarray:
@@ -93,35 +124,9 @@ def undistort_by_lens(image: np.ndarray, lens: dict[str, Any] | None, interpolat
     """
     if not lens:
         return image
-    camera = pycolmap.Camera(model=lens["model"], width=lens["width_px"], height=lens["height_px"], params=lens["params"])
-    map_x, map_y = make_undistortion_map(camera)[1]
-    return cv2.remap(image, map_x, map_y, interpolation, borderMode=border)
-
-
-def make_undistortion_map(camera: pycolmap.Camera) -> tuple[pycolmap.Camera, tuple[np.ndarray, np.ndarray]]:
-    """The pinhole camera of equal size whose whole image lies inside the distorted one, and where it reads from.
-
-    The focal length grows just enough that no pixel is without a source; the principal point stays.
-
-    Returns:
-        The pinhole camera, and the (height, width) float32 x and y of each pixel in the distorted image, in the
-        convention of `cv2.remap` (pixel centres at whole numbers).
-    """
-    width, height = camera.width, camera.height
-    centre = np.array([camera.principal_point_x, camera.principal_point_y])
-    focal = np.array([camera.focal_length_x, camera.focal_length_y])
-    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    pixels = np.stack([x.ravel(), y.ravel()], axis=1)
-    edge = pixels[(np.minimum(x, width - x).ravel() < 1) | (np.minimum(y, height - y).ravel() < 1)]
-    # Per edge pixel: the ray that the distorted camera sees there must lie on or outside the pinhole's edge.
-    rays = camera.cam_from_img(edge)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        reach = np.abs((edge - centre) / focal) / np.abs(rays)
-    at_x = np.minimum(edge[:, 0], width - edge[:, 0]) < 1
-    at_y = np.minimum(edge[:, 1], height - edge[:, 1]) < 1
-    zoom = max(1.0, float(np.nanmax(reach[at_x, 0])), float(np.nanmax(reach[at_y, 1])))
-    params = [focal[0] * zoom, focal[1] * zoom, centre[0], centre[1]]
-    pinhole = pycolmap.Camera(model="PINHOLE", width=width, height=height, params=params)
-    rays = np.concatenate([(pixels - centre) / params[:2], np.ones((len(pixels), 1))], axis=1)
-    source = camera.img_from_cam(rays) - 0.5
-    return pinhole, (source[:, 0].reshape(height, width).astype(np.float32), source[:, 1].reshape(height, width).astype(np.float32))
+    size = {"width": lens["width_px"], "height": lens["height_px"]}
+    camera, pinhole = pycolmap.Camera(model=lens["model"], params=lens["params"], **size), None
+    if "pinhole" in lens:
+        shown = lens["pinhole"]
+        pinhole = pycolmap.Camera(model="PINHOLE", width=shown["width_px"], height=shown["height_px"], params=shown["params"])
+    return make_view(camera, pinhole).remap(image, interpolation, border)

@@ -22,7 +22,6 @@ from zeroshop_steps.register.scene.record import (
     Evidence,
     Record,
     RegistrationFailed,
-    describe_lenses,
     describe_model,
 )
 from zeroshop_steps.register.scene.undistortion import undistort
@@ -122,8 +121,8 @@ def register(
             f"{registered} of {count} images registered, at least {needed} are needed: the network's tracks and cameras do not fit each "
             "other there; take pictures that show the object from nearer together, or use the registration colmap"
         )
-    pinhole_model = undistort(solution.model, image_set, out)
-    record = record.add(**describe_lenses(solution.model), **describe_model(pinhole_model))
+    pinhole_model, lenses = undistort(solution.model, image_set, out)
+    record = record.judge(lenses).add(**describe_model(pinhole_model))
     record.stopwatch.stop()
     return dict(verify(record, [lambda: solution.evidence], pinhole_model, structure.limits.max_wrong_probability).entries)
 
