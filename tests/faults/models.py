@@ -93,6 +93,14 @@ def as_points(models: Path) -> None:
     path.write_bytes(header + b"end_header\n" + body.partition(b"end_header\n")[2])
 
 
+def as_gaussians(models: Path) -> None:
+    """Gaussian splats, as 3DGS writes them (meshlab 1436)."""
+    names = ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3")
+    header = ["ply", "format binary_little_endian 1.0", "element vertex 8", *(f"property float {name}" for name in names), "end_header", ""]
+    values = np.random.default_rng(0).random((8, len(names)), np.float32)
+    (models / MODEL).write_bytes("\n".join(header).encode() + values.tobytes())
+
+
 def with_texture_named(name: str) -> bytes:
     """A glTF whose texture is that file."""
     content = trimesh.exchange.gltf.export_gltf(trimesh.Scene(trimesh.creation.box((60, 40, 50))))["model.gltf"]
@@ -117,6 +125,7 @@ FAULTS = [
         "a texture above 2^30 pixels", take_model(write_huge_texture), (r"obj_000001\.png is larger than OpenCV reads", "export it smaller")
     ),
     Fault("a point cloud", take_model(as_points), (r"obj_000001\.ply has 8 vertices and 0 faces", "point cloud: make a surface")),
+    Fault("3D Gaussians", take_model(as_gaussians), (r"obj_000001\.ply has 8 vertices and 0 faces", "3D Gaussians.*make a surface")),
     Fault(
         "half a header",
         take_model(replace_by(MODEL, b"ply\nformat ascii 1.0\nelement vertex 3\n")),

@@ -20,7 +20,18 @@ RED, GREEN = (200, 10, 20), (30, 220, 40)
 XYZ = "float x,float y,float z"
 TRIANGLES: list[list] = [[[0, 1, 2]], [[0, 2, 3]]]
 INDICES = "list uchar int vertex_indices"
-CODES = {"float": "f", "float32": "f", "double": "d", "uchar": "B", "uint8": "B", "ushort": "H", "int": "i", "uint32": "I"}
+CODES = {
+    "float": "f",
+    "float32": "f",
+    "double": "d",
+    "float64": "d",
+    "char": "b",
+    "uchar": "B",
+    "uint8": "B",
+    "ushort": "H",
+    "int": "i",
+    "uint32": "I",
+}
 FORMS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 REPORTS = Path(__file__).parents[3] / "shared/data/reports/ply"
 
@@ -117,6 +128,7 @@ def test_several_textures_become_one(tmp_path: Path) -> None:
         ("float red,float green,float blue", [value / 255 for value in RED]),
         ("float red,float green,float blue", [float(value) for value in RED]),
         ("ushort red,ushort green,ushort blue", [value * 257 for value in RED]),
+        ("ushort red,ushort green,ushort blue", RED),
         ("uchar r,uchar g,uchar b", RED),
         ("uchar Red,uchar Green,uchar Blue", RED),
     ],
@@ -126,6 +138,24 @@ def test_colours_of_vertices(tmp_path: Path, properties: str, values: list) -> N
         mesh = read_ply(write(tmp_path, [[*corner, *values] for corner in CORNERS], f"{XYZ},{properties}", form=form))
         assert mesh.colors is not None and (mesh.colors == RED).all()
         assert (colors_at(mesh, (0.5, 0.25, 0.25)) == RED).all()
+
+
+def test_bytes_that_are_declared_signed_are_bright_colours(tmp_path: Path) -> None:
+    signed = [value - 256 if value > 127 else value for value in RED]
+    mesh = read_ply(write(tmp_path, [[*corner, *signed] for corner in CORNERS], f"{XYZ},char red,char green,char blue"))
+    assert (mesh.colors == RED).all()
+
+
+@pytest.mark.parametrize("kind", ["float64", "double"])
+def test_texture_coordinates_of_corners_are_whole_or_refused(tmp_path: Path, kind: str) -> None:
+    add_texture(tmp_path)
+    faces = [[[0, 1, 2], [0.0, 0.0, 1.0, 0.0, 1.0, 1.0]], [[0, 2, 3], []]]
+    properties, remarks = f"{INDICES},list uchar {kind} texcoord", ("comment TextureFile tex.png",)
+    mesh = read_ply(write(tmp_path, CORNERS, XYZ, faces, properties, "binary_big_endian", remarks))
+    assert np.allclose(mesh.uv[mesh.faces], [[[0, 0], [1, 0], [1, 1]], [[0, 0]] * 3])
+    faces[1][1] = [0.0, 0.0, 1.0, 0.0]
+    with pytest.raises(StepError, match="face 1 has 3 corners and 4 numbers in texcoord; expected 6"):
+        read_ply(write(tmp_path, CORNERS, XYZ, faces, properties, "binary_big_endian", remarks))
 
 
 def test_colours_of_faces_split_vertices(tmp_path: Path) -> None:
@@ -183,6 +213,9 @@ def test_coordinates_without_an_image_and_images_without_faces_are_told(tmp_path
     rows = [[*corner, *uv] for corner, uv in zip(CORNERS, UV, strict=True)]
     read_mesh(write(tmp_path, rows, f"{XYZ},float s,float t"))
     assert "mesh.ply has texture coordinates, but no image for them, and is used without colour; its header" in capsys.readouterr().err
+    add_texture(tmp_path)
+    read_mesh(write(tmp_path, CORNERS, remarks=("comment TextureFile tex.png",)))
+    assert "names the texture tex.png, but has no texture coordinates" in capsys.readouterr().err
     for name in ("A.PNG", "b.png"):
         add_texture(tmp_path, name)
     names = ("comment TextureFile a.png", "comment TextureFile b.png")

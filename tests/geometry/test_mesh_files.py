@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from zeroshop_steps.geometry.meshes.mesh_files import find_mesh, read_mesh
+from zeroshop_steps.geometry.meshes.mesh_files import describe_others, find_mesh, read_mesh
 from zeroshop_steps.geometry.meshes.surface_parts import with_texture
 from zeroshop_steps.runtime.errors import StepError
 
@@ -86,6 +86,24 @@ def test_a_texture_of_mtl_is_named_in_many_ways(tmp_path: Path, line: str) -> No
     assert (read_mesh(tmp_path / "a.obj").texture == (200, 100, 50)).all()
 
 
+def test_a_line_names_several_materials(tmp_path: Path) -> None:
+    for name, color in (("a", (200, 100, 50)), ("b", (0, 90, 200))):
+        Image.new("RGB", (8, 8), color).save(tmp_path / f"{name}.png")
+        (tmp_path / f"{name}.mtl").write_text(f"newmtl {name}\nmap_Kd {name}.png\n")
+    (tmp_path / "two.obj").write_text("mtllib a.mtl b.mtl\n" + SQUARE.format("usemtl b\n"))
+    assert (read_mesh(tmp_path / "two.obj").texture == (0, 90, 200)).all()
+
+
+def test_what_a_folder_holds_instead_is_told(tmp_path: Path) -> None:
+    assert "is empty, or does not exist" in describe_others(tmp_path / "none")
+    (tmp_path / "obj_000001.3mf").touch()
+    assert describe_others(tmp_path) == (
+        "it holds obj_000001.3mf; meshes that are read end in .ply, .obj, .glb, .gltf, .stl, .off: export it as PLY"
+    )
+    (tmp_path / "cup.ply").touch()
+    assert describe_others(tmp_path) == "it holds cup.ply, obj_000001.3mf"
+
+
 @pytest.mark.parametrize("lines", ["", "usemtl x\n", "mtllib a.mtl\n", "mtllib a.mtl\nusemtl y\n"])
 def test_faces_of_no_known_material_are_plain_and_told(tmp_path: Path, lines: str, capsys: pytest.CaptureFixture[str]) -> None:
     Image.new("RGB", (8, 8)).save(tmp_path / "t.png")
@@ -102,6 +120,8 @@ def test_faces_of_no_known_material_are_plain_and_told(tmp_path: Path, lines: st
         ("b.obj", f"mtllib b.mtl\n{TRIANGLE}vt 0 0\nf 1/1 2/1 3/1\n", r"b\.obj names the file .*secret\.png, which is outside"),
         ("c.obj", f"mtllib none.mtl\n{TRIANGLE}f 1 2 3\n", r"c\.obj names none\.mtl, but .* does not exist"),
         ("z.obj", "mtllib z.mtl\n" + SQUARE.format("usemtl x\n"), r"texture .*empty\.png of mesh .*z\.obj is empty, damaged"),
+        ("s.obj", "mtllib s.mtl\n" + SQUARE.format("usemtl x\n"), r"s\.obj moves or scales its texture, .*: -s 2 2 1 empty\.png"),
+        ("t.obj", "mtllib z.mtl none.mtl\n" + SQUARE.format(""), r"t\.obj names none\.mtl, but .* does not exist"),
         ("d.obj", "v 0 0 0\nv 9 0 0\n", r"d\.obj has no faces"),
         ("e.obj", "", r"e\.obj"),
         ("f.glb", "no glTF", r"f\.glb cannot be read as glTF"),
@@ -115,6 +135,7 @@ def test_what_cannot_be_used_is_named(tmp_path: Path, name: str, content: str, s
     (tmp_path / "secret.mtl").write_text("newmtl x\nKd 1 0 0\n")
     (folder / "b.mtl").write_text(f"newmtl x\nmap_Kd {tmp_path / 'secret.png'}\n")
     (folder / "z.mtl").write_text("newmtl x\nmap_Kd empty.png\n")
+    (folder / "s.mtl").write_text("newmtl x\nmap_Kd -s 2 2 1 empty.png\n")
     (folder / "empty.png").touch()
     (folder / name).write_text(content)
     with pytest.raises(StepError, match=says):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from zeroshop_steps.bop.formats.models import describe_model, list_model_files
 from zeroshop_steps.bop.shape_symmetry import find_symmetries
-from zeroshop_steps.geometry.meshes.mesh_files import read_mesh
+from zeroshop_steps.geometry.meshes.mesh_files import describe_others, read_mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
 
@@ -21,7 +21,9 @@ def run(args: argparse.Namespace) -> None:
     """Describe all models of a folder."""
     files = list_model_files(args.models)
     if not files:
-        raise StepError(f"{args.models} has no models; expected files such as obj_000001.ply, in millimetres")
+        raise StepError(
+            f"{args.models} has no models; expected files such as obj_000001.ply, in millimetres; {describe_others(args.models)}"
+        )
     out = args.out or args.models / "models_info.json"
     if args.out is None and out.exists():
         raise StepError(f"{out} exists already, and may know more than the meshes; name another file by --out")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from zeroshop_steps.bop.formats.models import describe_model, read_models_info
 from zeroshop_steps.bop.formats.symmetry import check_symmetries
-from zeroshop_steps.geometry.meshes.mesh_files import SUFFIXES, find_mesh, read_mesh, write_copy
+from zeroshop_steps.geometry.meshes.mesh_files import SUFFIXES, describe_others, find_mesh, read_mesh, write_copy
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.downloads import download
 from zeroshop_steps.runtime.errors import StepError, warn
@@ -84,8 +84,9 @@ def copy_model(models: Path, dataset: str, name: str, out: Path, source: dict[st
     path = find_mesh(models / name)
     if path is None:
         there = sorted({found.stem for found in models.glob("obj_*") if found.suffix.lower() in SUFFIXES})
-        listed = f"{there[0]} ... {there[-1]} ({len(there)} objects)" if there else "no obj_*.ply or other mesh at all"
-        raise StepError(f"{dataset} has no object {name}: {models / name}.ply does not exist; {models} holds {listed}")
+        listed = f"{there[0]} ... {there[-1]} ({len(there)} objects)" if there else ""
+        found = f"{models} holds {listed}" if listed else f"of {models}, {describe_others(models)}"
+        raise StepError(f"{dataset} has no object {name}: {models / name}.ply does not exist; {found}")
     mesh = read_mesh(path)
     if mesh.normals is None:
         mesh = mesh.with_normals()

@@ -65,6 +65,14 @@ def find_mesh(stem: Path) -> Path | None:
     return min(files, key=lambda path: (SUFFIXES.index(path.suffix.lower()), path.name), default=None)
 
 
+def describe_others(folder: Path) -> str:
+    """What a folder holds that has not the mesh that is sought, and what to do where none is of a format that is read, in words."""
+    files = sorted(path.name for path in folder.iterdir() if path.is_file()) if folder.is_dir() else []
+    held = f"it holds {', '.join(files[:3])}{' and more' if len(files) > 3 else ''}" if files else "it is empty, or does not exist"
+    known = any(name.lower().endswith(SUFFIXES) for name in files)
+    return held if known else f"{held}; meshes that are read end in {', '.join(SUFFIXES)}: export it as PLY"
+
+
 def list_mesh_files(path: Path) -> list[Path]:
     """The files of a mesh whose change changes it: itself, and its textures or material beside it."""
     if path.suffix.lower() == ".ply":
@@ -85,6 +93,11 @@ def write_copy(source: Path, mesh: Mesh, folder: Path) -> None:
 
 
 def _tell_untextured(path: Path, mesh: Mesh) -> Mesh:
+    if mesh.uv is None and path.suffix.lower() == ".ply" and (textures := find_textures(path)):
+        warn(
+            f"mesh {path} names the texture {textures[0].name}, but has no texture coordinates, and is used without it: no two properties"
+            " such as texture_u and texture_v at vertices, and no list texcoord at faces; unwrap it again"
+        )
     if mesh.uv is not None and not mesh.is_colored:
         how = "its header needs a line such as comment TextureFile NAME.png"
         if path.suffix.lower() != ".ply":
@@ -131,8 +144,15 @@ class _FolderFiles(Mapping):
         try:
             text = TEXTURE_OPTIONS.sub("", str(name).strip())
             found = find_beside(self.path, text, "the file")
+            if not found.is_file() and text.lower().endswith(".mtl") and " " in text:  # mtllib takes several
+                return b"\n".join(self[one] for one in text.split())
             if not found.is_file() and self.path.suffix.lower() in GLTF:
                 found = find_beside(self.path, unquote(text), "the file")
+            if not found.is_file() and text.startswith("-"):
+                raise StepError(
+                    f"the material of mesh {self.path} moves or scales its texture, which is not read: {text}; apply that to the texture"
+                    " coordinates, or remove it, and leave the image's name alone"
+                )
             if not found.is_file():
                 raise StepError(f"mesh {self.path} names {text}, but {found} does not exist; put it there, or remove that line")
             content = found.read_bytes()

@@ -19,8 +19,8 @@ COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_bl
 LARGEST_TEXTURE_COORDINATE = 1e4
 """Beyond 0 and 1 a texture repeats; so often it never does, and in float32 nothing of the place within the image would be left."""
 TEXTURE_REMARK = re.compile(r"texture_?(?:file|name)\s*[:=]?\s+(.+)", re.IGNORECASE)
-FULL_SCALE = {"B": 1.0, "H": 255 / 65535, "b": 1.0, "h": 1.0, "i": 1.0, "I": 1.0}
-"""Factor from the whole numbers of a colour to 0..255, by the code of their type."""
+FULL_SCALE = {"B": 255, "H": 65535, "b": 255, "h": 255, "i": 255, "I": 255}
+"""The whole number of a full colour, by the code of its type."""
 
 
 def read_ply(path: Path) -> Mesh:
@@ -43,14 +43,11 @@ def read_ply(path: Path) -> Mesh:
     assert vertices is not None
     faces, polygons, corners = _triangles(tables)
     if not len(faces):
-        raise StepError(
-            f"mesh {path} has {len(vertices)} vertices and {len(faces)} faces; a surface is needed."
-            + (
-                " It is a point cloud: make a surface of it, such as by Screened Poisson in MeshLab."
-                if len(vertices)
-                else " Export it again."
-            )
-        )
+        remedy = "Export it again."
+        if len(vertices):
+            kind = "It holds 3D Gaussians (splats)" if "f_dc_0" in vertex.columns else "It is a point cloud"
+            remedy = f"{kind}: make a surface of it, such as by Screened Poisson in MeshLab."
+        raise StepError(f"mesh {path} has {len(vertices)} vertices and {len(faces)} faces; a surface is needed. {remedy}")
     if faces.min() < 0 or faces.max() >= len(vertices):
         odd = int(faces.min() if faces.min() < 0 else faces.max())
         raise StepError(f"mesh {path} is damaged: a face has vertex {odd}, but there are {len(vertices)}, from 0 on; export it again")
@@ -74,7 +71,7 @@ def read_ply(path: Path) -> Mesh:
         quality.astype(float) if known and quality is not None else None,
         _colors(vertex),
     )
-    corner_uv = _corner_coordinates(face, corners) if face is not None and surface.uv is None else None
+    corner_uv = _corner_coordinates(face, corners, path) if face is not None and surface.uv is None else None
     for values in (surface.uv, corner_uv):
         if values is not None and not (np.abs(values) <= LARGEST_TEXTURE_COORDINATE).all():
             raise StepError(
@@ -187,14 +184,20 @@ def _fan(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return polygons, np.stack([np.zeros_like(second), second, second + 1], 1)
 
 
-def _corner_coordinates(face: Element, corners: np.ndarray | None) -> np.ndarray | None:
-    """(F, 3, 2) texture coordinates of the triangles' corners, 0 where a polygon has none."""
+def _corner_coordinates(face: Element, corners: np.ndarray | None, path: Path) -> np.ndarray | None:
+    """(F, 3, 2) texture coordinates of the triangles' corners, 0 where a polygon has none. Raises StepError where it has half of them."""
     listed: Lists | None = face.lists.get("texcoord")
     sizes = next((face.lists[name].counts for name in CORNERS if name in face.lists), None)
     if listed is None or corners is None or sizes is None or not len(listed.values):
         return None
     polygons, _ = _fan(sizes)
     starts, whole = np.cumsum(listed.counts) - listed.counts, listed.counts == 2 * sizes
+    odd = np.flatnonzero(~whole & (listed.counts > 0))
+    if len(odd):
+        raise StepError(
+            f"mesh {path} is damaged: face {odd[0]} has {sizes[odd[0]]} corners and {listed.counts[odd[0]]} numbers in texcoord; expected"
+            f" {2 * sizes[odd[0]]}, two for each; export it again"
+        )
     places = np.where(whole[polygons][:, None], starts[polygons][:, None] + 2 * corners, 0)
     uv = np.stack([listed.values[places], listed.values[places + 1]], 2).astype(float)
     return np.where(whole[polygons][:, None, None], uv, 0.0)
@@ -209,11 +212,15 @@ def _first_pair(vertex: Element) -> np.ndarray | None:
 
 
 def _colors(element: Element) -> np.ndarray | None:
-    """(N, 3) uint8 colours of an element's rows; floating ones are 0..1, or 0..255 where one is larger."""
+    """(N, 3) uint8 colours of an element's rows. Floating ones are 0..1, wide whole ones 0..65535; or 0..255, where that is their range."""
     for names in COLORS:
         values = _stack(element.columns, names)
         if values is not None and len(values):
             values = np.nan_to_num(values)
-            factor = FULL_SCALE.get(element.code_of(names[0]), 255.0 if values.max() <= 1.0 else 1.0)
-            return np.clip(np.rint(values * factor), 0, 255).astype(np.uint8)
+            full = FULL_SCALE.get(element.code_of(names[0]), 1 if values.max() <= 1 else 255)
+            if full == 65535 and values.max() <= 255:
+                full = 255
+            if element.code_of(names[0]) == "b":  # bytes that a program declared as char
+                values = values % 256
+            return np.clip(np.rint(values * (255 / full)), 0, 255).astype(np.uint8)
     return None
