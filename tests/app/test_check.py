@@ -34,4 +34,4 @@ def test_photos_of_which_none_can_be_read_are_named(tmp_path):
 def test_a_folder_without_photos_is_a_fault_like_others(tmp_path):
     (tmp_path / "notes.txt").write_text("none")
     [fault], warnings = check_capture(tmp_path)
-    assert "holds no images" in fault and "it holds notes.txt: name a film itself" in fault and not warnings
+    assert "holds no images" in fault and "it holds notes.txt: export pictures as JPEG, and name a film itself" in fault and not warnings

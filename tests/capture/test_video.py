@@ -116,6 +116,8 @@ def test_no_video_at_all(tmp_path):
             scan_video(tmp_path / name)
     with pytest.raises(StepError, match="does not exist"):
         scan_video(tmp_path / "nowhere.mp4")
+    with pytest.raises(StepError, match="is a folder; name the film in it"):
+        scan_video(tmp_path)
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".avi"])

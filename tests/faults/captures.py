@@ -83,7 +83,11 @@ FAULTS = [
         "no photo is cut out", no_own_masks, (r"0\.jpg is given as its own mask", "nothing in it is transparent", "remove its background")
     ),
     Fault("one inverted mask", one_inverted, (r"mask .*3\.png marks the border nearly all around", "invert it", "7 of them usable")),
-    Fault("arrays as masks", arrays_as_masks, (r"it holds 0\.npy, more/;", r"expected for 0\.jpg one of 0\.png")),
+    Fault(
+        "arrays as masks",
+        arrays_as_masks,
+        ("holds no pictures, which masks are", r"it holds 0\.npy, more/;", r"expected for 0\.jpg one of 0\.png"),
+    ),
     Fault("one mask is missing", one_without, (r"7\.jpg has no mask", r"named for it as 0\.jpg\.png is for 0\.jpg", "draw one")),
     Fault(
         "a mask of half the width",

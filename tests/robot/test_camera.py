@@ -58,11 +58,23 @@ def test_rectified_images_are_left_alone_and_have_another_matrix():
         read_lens(camera_message("plumb_bob", [np.nan] * 5), 128, 96, False)
 
 
+@pytest.mark.parametrize("part", [{"binning_x": 2, "binning_y": 2}, {"roi": SimpleNamespace(x_offset=8, y_offset=0, width=120, height=96)}])
+def test_images_of_a_part_of_the_sensor_are_refused(part):
+    with pytest.raises(StepError, match="cut out or binned"):
+        read_lens(camera_message("plumb_bob", [0.0] * 5, **part), 128, 96, False)
+    whole = {"binning_x": 0, "binning_y": 1, "roi": SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0)}
+    assert np.array_equal(read_lens(camera_message("plumb_bob", [0.0] * 5, **whole), 128, 96, False).intrinsics, K)
+
+
 @pytest.mark.parametrize(
     ("width", "matrix", "reason"),
     [
-        (1280, MATRIX, "about images of 1280 x 480 px, the goal's are 640 x 480 px"),
+        (1280, MATRIX, "about images of 1280 x 480 px, the images have 640 x 480 px"),
         (640, [0] * 9, "no focal length"),
+        (640, [500, 0, 320, 0, 0, 240, 0, 0, 1], "no focal length"),
+        (640, [np.inf, 0, 320, 0, 500, 240, 0, 0, 1], "no focal length"),
+        (640, [500, 0, 0, 0, 500, 0, 320, 240, 1], r"the matrix K = \[500.0, .*; expected fx, 0, cx, 0, fy, cy, 0, 0, 1 row by row"),
+        (640, [500, 0, 0, 0, 500, 0, 0, 0, 1], "with cx and cy in the image"),
         (640, [np.nan] * 9, "no number"),
     ],
 )

@@ -100,6 +100,8 @@ def test_compressed_depth_in_metres_is_inverse(kind: str, write) -> None:
         (read_depth, "32FC1; compressedDepth png", HEADER + encode(DEPTH_MM), "no header that says how"),
         (read_depth, "16UC1; compressedDepth png", HEADER + encode((DEPTH_MM >> 4).astype(np.uint8)), "other pixels than 16 bits"),
         (read_depth, "16UC1; compressedDepth png", HEADER + encode(PHOTO), "other pixels than 16 bits"),
+        (read_color, "16UC1; png compressed ", encode(DEPTH_MM), "which is depth; name the topic of the colour images"),
+        (read_color, "32FC1; compressedDepth png", HEADER + encode(DEPTH_MM), "which is depth"),
         (read_color, "jpeg", b"", "0 bytes that are no picture"),
         (read_color, "h264", b"x" * 30, "format 'h264' and 30 bytes that are no picture; expected JPEG"),
     ],
@@ -109,7 +111,10 @@ def test_what_cannot_be_decoded_is_refused(read, form: str, content: bytes, reas
         read(compressed(form, content))
 
 
-@pytest.mark.parametrize(("encoding", "conversion"), [("yuv422", cv2.COLOR_RGB2YUV_UYVY), ("yuv422_yuy2", cv2.COLOR_RGB2YUV_YUY2)])
+@pytest.mark.parametrize(
+    ("encoding", "conversion"),
+    [("yuv422", cv2.COLOR_RGB2YUV_UYVY), ("yuv422_yuy2", cv2.COLOR_RGB2YUV_YUY2), ("yuyv", cv2.COLOR_RGB2YUV_YUY2)],
+)
 def test_yuv_of_webcams(encoding: str, conversion: int) -> None:
     smooth = cv2.GaussianBlur(PHOTO, (0, 0), 3)
     data = cv2.cvtColor(smooth, conversion)

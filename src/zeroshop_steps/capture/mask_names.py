@@ -7,7 +7,7 @@ from os.path import commonprefix
 from pathlib import Path
 
 from zeroshop_steps.capture.photo_files import CONVERTED_SUFFIXES
-from zeroshop_steps.geometry.imaging.image_files import list_folder
+from zeroshop_steps.geometry.imaging.image_files import check_folder, list_folder
 from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES
 from zeroshop_steps.runtime.errors import StepError
 
@@ -25,10 +25,12 @@ class MaskNames:
     Attributes:
         found: the mask of each photo that has one.
         example: (photo, mask) names of the first, by which the others are named; empty where each is called as its photo, but .png.
+        unused: a mask of the photo in the example that another scheme names, where that names as many; None where there is none.
     """
 
     found: dict[Path, Path]
     example: tuple[str, str] | tuple[()]
+    unused: str | None = None
 
     def expect(self, photo: Path, folder: Path) -> str:
         """What a photo without a mask lacks, in words."""
@@ -43,8 +45,7 @@ def find_masks(photos: Sequence[Path], folder: Path) -> MaskNames:
     Raises:
         StepError: the folder is missing, or none of its files is named like a photo.
     """
-    if not folder.is_dir():
-        raise StepError(f"mask folder {folder} does not exist; give one mask a photo, named like it but .png")
+    check_folder(folder, "mask folder", "give one mask a photo, named like it but .png")
     there = list_folder(folder)
     files = [path for path in there if path.suffix.lower() in MASK_SUFFIXES]
     schemes = _find_schemes(photos, files)
@@ -52,17 +53,18 @@ def find_masks(photos: Sequence[Path], folder: Path) -> MaskNames:
         names = ", ".join(example.format(stem=photos[0].stem, name=photos[0].name) for example in EXAMPLES)
         listed = [path.name + "/" * path.is_dir() for path in files or there]
         held = ", ".join(listed[:3]) + " ..." * (len(listed) > 3) if listed else "nothing"
-        raise StepError(
-            f"no mask in {folder} is named like a photo: it holds {held}; expected for {photos[0].name} one of {names}, for all alike"
-        )
-    found = max(schemes.items(), key=_rank)[1]
+        lack = f"no mask in {folder} is named like a photo" if files else f"{folder} holds no pictures, which masks are"
+        raise StepError(f"{lack}: it holds {held}; expected for {photos[0].name} one of {names}, for all alike")
+    ranked = sorted(schemes.items(), key=_rank, reverse=True)
+    found = ranked[0][1]
     if all(
         mask == photo or mask == mask.with_name(f"{photo.stem}{mask.suffix}") and mask.suffix.lower() == ".png"
         for photo, mask in found.items()
     ):
         return MaskNames(found, ())
     photo = next(photo for photo in photos if photo in found)
-    return MaskNames(found, (photo.name, found[photo].name))
+    others = (scheme[photo].name for _, scheme in ranked[1:] if len(scheme) == len(found) and scheme[photo] not in found.values())
+    return MaskNames(found, (photo.name, found[photo].name), next(others, None))
 
 
 def split_masks(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
@@ -89,7 +91,21 @@ def _find_schemes(photos: Sequence[Path], files: Sequence[Path]) -> dict[tuple[s
         kept = {affixes: found for affixes, found in schemes.items() if affixes == ("", "") or len(found) >= min(LEAST_ALIKE, len(photos))}
         if kept:
             return kept
-    return {}
+    return _match_numbers(photos, ordered)
+
+
+def _match_numbers(photos: Sequence[Path], files: Sequence[Path]) -> dict[tuple[str, str], dict[Path, Path]]:
+    """The masks whose numbers are the photos', but for zeros before them: 7.png of IMG_0007.jpg. None where a photo has none: then
+    another number is meant, such as one that counts from 1."""
+    numbers = [[int(key) for key in _cut_common([path.stem for path in paths]) if key.isdecimal()] for paths in (photos, files)]
+    of_photos, of_files = (dict(zip(found, paths, strict=False)) for found, paths in zip(numbers, (photos, files), strict=True))
+    if (
+        [len(photos), len(files)] != [len(found) for found in numbers]
+        or len(of_photos) < len(photos)
+        or not of_photos.keys() <= of_files.keys()
+    ):
+        return {}
+    return {("", ""): {photo: of_files[number] for number, photo in of_photos.items()}}
 
 
 def _goes_on(before: str, key: str, behind: str) -> bool:

@@ -71,7 +71,9 @@ def list_photos(folder: Path) -> tuple[list[Path], list[Path]]:
         below = [path.name for path in files if any(one.suffix.lower() in IMAGE_SUFFIXES for one in path.glob("*"))]
         more += f"; there are some one folder below, in {' and '.join(below)}: name the folder with the photos" if below else ""
         there = [path.name for path in files if path.is_file()][:3]
-        more += f"; it holds {', '.join(there)}: name a film itself, not its folder" if there and not more else ""
+        more += (
+            f"; it holds {', '.join(there)}: export pictures as JPEG, and name a film itself, not its folder" if there and not more else ""
+        )
         raise StepError(f"{folder} holds no images; expected files ending in {', '.join((*IMAGE_SUFFIXES, *CONVERTED_SUFFIXES))}{more}")
     return photos, odd
 
@@ -132,7 +134,8 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
         raise StepError(f"image {path} cannot be read: {error.strerror}. {remedy_for(error)}") from None
     except (OSError, SyntaxError, ValueError, EOFError) as error:
         raise StepError(
-            f"image {path} cannot be read: it is empty, damaged or not an image ({error}); export it again as JPEG or PNG"
+            f"image {path} cannot be read: it is empty, damaged, not an image or of a kind that is not read ({error}); export it again as"
+            " JPEG or PNG"
         ) from None
     finally:
         Image.MAX_IMAGE_PIXELS = limit

@@ -182,7 +182,11 @@ def _tell_masks(names: MaskNames | None, beside: list[Path], images: Path) -> li
         if beside:
             return [f"left out, masks among the photos: {_join_names([path.name for path in beside])}; {use}"]
         return [f"the background of the photos is transparent; {use}"] if is_cut_out(images) else []
-    return ["masks are taken by their names: {1} for {0}, and all others alike".format(*names.example)] if names.example else []
+    if not names.example:
+        return []
+    photo, mask = names.example
+    more = f"; other masks, such as {names.unused}, are not used" if names.unused else ""
+    return [f"masks are taken by their names: {mask} for {photo}, and all others alike{more}"]
 
 
 def _leave_out(photos: list[Photo], min_images: int, most_images: int) -> tuple[list[Photo], list[str]]:

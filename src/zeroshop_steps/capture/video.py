@@ -234,6 +234,8 @@ def choose_frames(film: VideoScan, count: int) -> list[int]:
 
 def _open(video: Path) -> cv2.VideoCapture:
     video = Path(video)
+    if video.is_dir():
+        raise StepError(f"video {video} is a folder; name the film in it")
     if not video.is_file():
         raise StepError(f"video {video} does not exist; check the path")
     if video.suffix.lower() not in VIDEO_SUFFIXES:

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
-from zeroshop_steps.ros.camera_info import FISHEYE, read_matrices
+from zeroshop_steps.ros.camera_info import FISHEYE, choose_matrix, read_matrices
 from zeroshop_steps.runtime.errors import StepError
 
 MODELS: dict[str, tuple[int, ...]] = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), **dict.fromkeys(FISHEYE, (4,))}
@@ -105,19 +105,10 @@ def read_lens(message: Any, width: int, height: int, rectified: bool) -> GoalLen
     Raises:
         StepError: the message is of another image size, was never calibrated, or has an unknown model of distortion.
     """
-    if (message.width, message.height) != (width, height):
-        raise StepError(
-            f"the camera's message is about images of {message.width} x {message.height} px, the goal's are {width} x {height} px;"
-            " name the topic of the camera that takes the goal's images"
-        )
-    intrinsics, projection, coefficients = read_matrices(message)
-    if not intrinsics[0, 0] > 0:
-        raise StepError(
-            "the camera's message has no focal length (K is 0, or no number): calibrate the camera, or start the servers with --intrinsics"
-        )
-    if rectified:
-        return GoalLens(projection if projection[0, 0] > 0 else intrinsics, None)
-    if not coefficients.any():
+    remedy = "calibrate the camera, or start the servers with --intrinsics"
+    intrinsics = choose_matrix(message, (width, height), rectified, "the camera's message", remedy)
+    coefficients = read_matrices(message)[2]
+    if rectified or not coefficients.any():
         return GoalLens(intrinsics, None)
     model = getattr(message, "distortion_model", "") or "plumb_bob"
     if model not in MODELS or len(coefficients) not in MODELS[model] or not np.isfinite(coefficients).all():

@@ -11,6 +11,8 @@ from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.ros.rvl import decode_rvl
 from zeroshop_steps.runtime.errors import StepError
 
+DEPTHS = ("16UC1", "32FC1", "64FC1")
+"""Encodings with which a format begins that is no colour's."""
 PNG = b"\x89PNG\r\n\x1a\n"
 QUANTIZATION = struct.Struct("<iff")
 """compressedDepth's header: a number, and a and b of inverse depth: a step of the picture q is a / (q - b) metres."""
@@ -22,7 +24,9 @@ def is_compressed(message: Any) -> bool:
 
 
 def read_compressed_color(message: Any) -> np.ndarray:
-    """(height, width, 3) uint8 RGB. Raises StepError where the message holds no picture."""
+    """(height, width, 3) uint8 RGB. Raises StepError where the message holds no picture, or depth."""
+    if message.format.startswith(DEPTHS) or "compressedDepth" in message.format:
+        raise StepError(f"the colour image has the format {message.format!r}, which is depth; name the topic of the colour images")
     image = _decode("the colour image", message.format, bytes(message.data), cv2.IMREAD_COLOR)
     # The plugin hands its pixels to OpenCV as they are; what it then stores as blue is red, where it says so.
     return np.ascontiguousarray(image if "compressed rgb" in message.format else image[..., ::-1])

@@ -24,6 +24,7 @@ RAW_COLORS = {
     **{"bayer_rggb8": (1, cv2.COLOR_BayerBG2RGB), "bayer_bggr8": (1, cv2.COLOR_BayerRG2RGB)},
     **{"bayer_gbrg8": (1, cv2.COLOR_BayerGR2RGB), "bayer_grbg8": (1, cv2.COLOR_BayerGB2RGB)},
     **{"yuv422": (2, cv2.COLOR_YUV2RGB_UYVY), "yuv422_yuy2": (2, cv2.COLOR_YUV2RGB_YUY2)},
+    **{"uyvy": (2, cv2.COLOR_YUV2RGB_UYVY), "yuyv": (2, cv2.COLOR_YUV2RGB_YUY2)},  # their names since ROS 2 Iron
 }
 """Encodings of colour that OpenCV converts: channels, and its name of the conversion."""
 DEPTHS = {"16UC1": (np.uint16, 1.0), "mono16": (np.uint16, 1.0), "32FC1": (np.float32, 1000.0), "64FC1": (np.float64, 1000.0)}

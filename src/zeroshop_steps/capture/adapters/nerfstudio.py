@@ -61,7 +61,7 @@ def _read_frame(folder: Path, path: Path, entry: dict[str, Any], image: Path) ->
     except (KeyError, TypeError, ValueError):
         matrix = np.zeros(0)
     if matrix.shape not in ((3, 4), (4, 4)):
-        raise StepError(f"{path}: {entry['file_path']} has no transform_matrix of 4 rows of 4 numbers")
+        raise StepError(f"{path}: {entry['file_path']} has no transform_matrix of 4 rows of 4 numbers; add it, or take that frame out")
     world_from_camera = np.vstack([matrix[:3], [0.0, 0.0, 0.0, 1.0]])
     finite = np.isfinite(world_from_camera).all() and abs(np.linalg.det(world_from_camera)) > 0
     pose = OPENCV_FROM_OPENGL @ np.linalg.inv(world_from_camera) if finite else np.full((4, 4), np.nan)

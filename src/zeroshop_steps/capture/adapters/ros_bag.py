@@ -19,7 +19,7 @@ from zeroshop_steps.capture.upright import make_upright
 from zeroshop_steps.capture.video import FRAMES, MOST_FRAMES, choose_frames, measure_frames
 from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.ros.bags import MOST_APART_NS, RECTIFIED, require_rosbags, stamp_of
-from zeroshop_steps.ros.camera_info import FISHEYE, read_matrices
+from zeroshop_steps.ros.camera_info import FISHEYE, choose_matrix, read_matrices
 from zeroshop_steps.ros.compressed_images import is_compressed
 from zeroshop_steps.ros.image_messages import DEPTHS, read_color, read_depth
 from zeroshop_steps.runtime.errors import StepError
@@ -252,12 +252,8 @@ def read_camera_message(message: Any, size_px: tuple[int, int], rectified: bool,
     Raises:
         StepError: it is of another image size, was never calibrated, or has a distortion that COLMAP's models lack.
     """
-    intrinsics, projection, distortion = read_matrices(message)
-    if (message.width, message.height) != size_px:
-        raise StepError(f"{topic} is about images of {message.width} x {message.height} px, the images have {size_px[0]} x {size_px[1]} px")
-    matrix = projection if rectified and projection[0, 0] > 0 else intrinsics
-    if not (np.isfinite(matrix).all() and matrix[0, 0] > 0):
-        raise StepError(f"{topic} has no focal length (K is 0, or no number): calibrate the camera, and record again")
+    distortion = read_matrices(message)[2]
+    matrix = choose_matrix(message, size_px, rectified, topic, "calibrate the camera, and record again")
     lens = Lens.pinhole(matrix, size_px, 0.5)
     if rectified or not distortion.any():
         return lens

@@ -18,14 +18,21 @@ def list_folder(folder: Path) -> list[Path]:
     """What lies in a folder of images, sorted by name, without hidden files.
 
     Raises:
-        StepError: it is missing, or may not be read.
+        StepError: it is missing, a file, or may not be read.
     """
-    if not folder.is_dir():
-        raise StepError(f"image folder {folder} does not exist; check the path")
+    check_folder(folder, "image folder", "check the path")
     try:
         return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
     except OSError as error:
         raise StepError(f"image folder {folder} cannot be read: {error.strerror}. {remedy_for(error)}") from None
+
+
+def check_folder(folder: Path, what: str, remedy: str) -> None:
+    """Raise StepError where a folder is a file, such as an archive, or does not exist."""
+    if folder.is_file():
+        raise StepError(f"{what} {folder} is a file, not a folder; unpack it, if it is an archive, and name the folder with the pictures")
+    if not folder.is_dir():
+        raise StepError(f"{what} {folder} does not exist; {remedy}")
 
 
 def check_photo_file(path: Path) -> None:
