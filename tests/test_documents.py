@@ -65,3 +65,12 @@ def test_every_target_can_be_planned(tmp_path):
     assert len(targets) > 10
     run = run_snakemake(tmp_path, *targets, "-n", "--quiet", "all")
     assert run.returncode == 0, run.stdout
+
+
+def test_tests_that_a_page_of_reports_names_exist():
+    named = set(re.findall(r"`(test_\w+|\w+/[\w/]+\.py)`", (REPOSITORY / "docs/reports.md").read_text()))
+    written = {
+        name for path in (REPOSITORY / "tests").rglob("test_*.py") for name in re.findall(r"^def (test_\w+)", path.read_text(), re.M)
+    }
+    assert len(named) > 40 and {name for name in named if "/" not in name} <= written
+    assert all((REPOSITORY / "tests" / name).is_file() for name in named if "/" in name)

@@ -74,7 +74,7 @@ def test_snakemake_finds_the_plugin_and_says_what_it_plans_and_does(tmp_path):
         ("x\nerror: too dark\nerror: too dark\ny\n", ["too dark"]),
         (
             "LockException:\nDirectory cannot be locked.\n",
-            ["another run works in this folder; wait for it, or, if none does, delete"],
+            ["another run works in /"],
         ),
         ("InputFunctionException in rule x:\nError:\n  StepError: a ü holds braces\nWildcards:\n", ["a ü holds braces"]),
         ("a\nWorkflowError:\nunknown nvs method: nerf\n", ["WorkflowError:", "unknown nvs method: nerf"]),
@@ -84,6 +84,15 @@ def test_the_reason_of_a_failure_is_found(tmp_path, log, reason):
     (tmp_path / "log").write_text(log)
     found = find_reason(tmp_path / "log")
     assert len(found) == len(reason) and all(line.startswith(start) for line, start in zip(found, reason, strict=True))
+
+
+def test_who_holds_a_lock_is_told(tmp_path):
+    (tmp_path / "log").write_text(f"LockException:\nthe same files in the following directory:\n{tmp_path}\nIf you are sure, unlock it")
+    assert find_reason(tmp_path / "log") == [
+        f"another run works in {tmp_path}; wait for it, or, if none does, delete {tmp_path / '.snakemake/locks'}"
+    ]
+    write_json(tmp_path / ".snakemake/zeroshop_run.json", {"machine": "lab3", "process": 4711, "began_s": 1.0})
+    assert f"works in {tmp_path}, by its note process 4711 of the machine lab3; wait" in find_reason(tmp_path / "log")[0]
 
 
 def test_photos_go_by_the_users_names(tmp_path):

@@ -26,12 +26,20 @@ def test_estimates_read_back_exactly(dataset, tmp_path):
     assert again.seconds_per_image() == 0.5
 
 
-def test_no_estimates_and_no_header_are_fine(tmp_path):
+def test_no_estimates_and_no_header_are_fine(tmp_path, capsys):
     path = tmp_path / "poses.csv"
-    for text, count in (("", 0), (HEADER + "\n", 0), (GOOD, 1), (f"{HEADER}\r\n{GOOD}\r\n", 1)):
+    for text, count in (
+        ("", 0),
+        (HEADER + "\n", 0),
+        (f"{HEADER}\n\n", 0),
+        (GOOD, 1),
+        (f"{HEADER.upper()}\r\n{GOOD}\r\n", 1),
+        (f"{HEADER}\n{GOOD}\n\n  \r\n", 1),
+    ):
         path.write_text(text, newline="")
         estimates = read_estimates(path)
         assert len(estimates) == count
+        assert ("poses.csv holds no estimates; every object counts as not found" in capsys.readouterr().err) == (count == 0)
     assert estimates.translations_mm.tolist() == [[10, -20, 500]]
 
 
@@ -50,13 +58,22 @@ def test_no_estimates_and_no_header_are_fine(tmp_path):
         ("1,0.5,1,0.9,1 0 0 0 1 0 0 0 1,10 -20 500,0.5", "line 3: scene_id, im_id and obj_id must be whole"),
         ("1,0,-1,0.9,1 0 0 0 1 0 0 0 1,10 -20 500,0.5", "line 3: scene_id, im_id and obj_id must be whole"),
         ("1,0,2,0.9,1 0 0 0 1 0 0 0 1,10 -20 500,9.5", "line 3: the time differs"),
-        ("", "line 3 is empty"),
+        ("\n" + GOOD, "line 3 is empty, and more lines follow"),
+        (GOOD.replace(",", ";"), "line 3 has 1 fields; expected 7, separated by commas"),
+        ("1,0,1,0.9,[1 0 0 0 1 0 0 0 1],10 -20 500,0.5", r"line 3: R holds '\[1', .* without brackets or quotes"),
     ],
 )
 def test_a_bad_row_is_named(tmp_path, row, message):
     path = tmp_path / "poses.csv"
     path.write_text(f"{HEADER}\n{GOOD}\n{row}\n")
     with pytest.raises(StepError, match=message):
+        read_estimates(path)
+
+
+def test_another_header_is_named(tmp_path):
+    path = tmp_path / "poses.csv"
+    path.write_text(f"{HEADER.replace('scene_id,im_id,obj_id', 'scene_id,obj_id,im_id')}\n{GOOD}\n")
+    with pytest.raises(StepError, match="line 1 is the header scene_id,obj_id,im_id,score,R,t,time; expected scene_id,im_id,obj_id"):
         read_estimates(path)
 
 

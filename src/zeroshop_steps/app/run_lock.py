@@ -41,6 +41,12 @@ def free_dead_lock(folder: Path) -> bool:
     return True
 
 
+def describe_holder(folder: Path) -> str:
+    """Who left the last note in a folder, in words that follow its name; empty without any."""
+    note = read_json(folder / NOTE) if (folder / NOTE).is_file() else {}
+    return f", by its note process {note['process']} of the machine {note['machine']}" if note else ""
+
+
 def _may_run(process: int, began_s: float | None) -> bool:
     """Whether there is a process of this number that began then; after a restart of the machine, another one has it soon."""
     now_s = _find_start_s(process)

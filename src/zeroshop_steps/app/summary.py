@@ -1,9 +1,11 @@
 """What came out of a run, in a few lines for people: the mesh, its size and grade, and what to photograph again."""
 
+import itertools
 import re
 from pathlib import Path
 from typing import Any
 
+from zeroshop_steps.app.run_lock import LOCKS, describe_holder
 from zeroshop_steps.report.site.advice import advise
 from zeroshop_steps.report.site.results_index import read_cell
 from zeroshop_steps.runtime.files import read_json
@@ -88,6 +90,8 @@ def find_reason(log: Path) -> list[str]:
     if errors:
         return list(dict.fromkeys(errors))
     if any("LockException" in line or "cannot be locked" in line for line in lines):
-        return ["another run works in this folder; wait for it, or, if none does, delete .snakemake/locks there"]
+        named = [after for line, after in itertools.pairwise(lines) if line.endswith("following directory:")]
+        folder = Path(named[0]) if named else Path()
+        return [f"another run works in {folder.resolve()}{describe_holder(folder)}; wait for it, or, if none does, delete {folder / LOCKS}"]
     marked = [index for index, line in enumerate(lines) if "Error" in line or "Exception" in line]
     return [line for line in lines[(marked[0] if marked else -5) :] if line][:5]

@@ -11,7 +11,7 @@ from zeroshop_steps.bop.formats.detections import read_detections
 from zeroshop_steps.bop.formats.targets import read_target_frames, read_targets, size_finder
 from zeroshop_steps.bop.score_poses import ROW
 from zeroshop_steps.bop.scoring.precision import average_precision
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.tables import write_table
 
 KINDS = {"masks": ("segm", ""), "boxes": ("bbox", "box_")}
@@ -32,6 +32,8 @@ def run(args: argparse.Namespace) -> None:
     """Score one result file."""
     frames = read_target_frames(args.scenes, targets := read_targets(args.targets), args.targets)
     detections = read_detections(args.detections, size_finder(frames))
+    if not detections:
+        warn(f"{args.detections} holds no detections; every object counts as not found")
     asked = {(target.scene_id, target.im_id, target.obj_id) for target in targets}
     if detections and not any((found.scene_id, found.image_id, found.object_id) in asked for found in detections):
         first = detections[0]

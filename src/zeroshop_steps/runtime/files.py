@@ -152,9 +152,11 @@ def read_json_value(path: Path) -> Any:
     try:
         return json.loads(Path(path).read_text())
     except FileNotFoundError:
-        raise StepError(f"{path} does not exist; run the step that writes it first") from None
+        raise StepError(f"{path} does not exist; check the path, or run the step that writes it") from None
     except (UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise StepError(f"{path} is not valid JSON ({error}); delete it and run its step again") from None
+        raise StepError(
+            f"{path} is not valid JSON ({error}); it is damaged or of another format: write it again, or run its step again"
+        ) from None
     except RecursionError:
         raise StepError(f"{path} is nested deeper than any record; delete it and run its step again") from None
     except OSError as error:

@@ -88,7 +88,7 @@ class Frame:
         """The path of its colour image, otherwise of its gray one. Raises StepError if there is neither."""
         path = self.image_path("rgb") or self.image_path("gray")
         if path is None:
-            raise StepError(f"{self.folder} has no picture {self.image_id:06d} ({self.name}) in rgb or gray")
+            raise StepError(f"{self.folder} has no picture {self.image_id:06d} ({self.name}) in rgb or gray; add it")
         return path
 
     def color(self) -> np.ndarray | None:

@@ -42,7 +42,8 @@ class Detection:
     def require_mask(self) -> dict:
         """Its mask. Raises StepError where it has none."""
         if self.mask is None:
-            raise StepError(f"a detection of object {self.object_id} in scene {self.scene_id}, image {self.image_id} has no segmentation")
+            where = f"object {self.object_id} in scene {self.scene_id}, image {self.image_id}"
+            raise StepError(f"a detection of {where} has no segmentation; give run lengths or polygons")
         return self.mask
 
 
@@ -80,7 +81,7 @@ def read_detections(path: Path, find_size: SizeOf = lambda scene_id, image_id: N
         if box is not None and (len(box) != 4 or box[2] < 0 or box[3] < 0):
             raise StepError(f"{path}: entry {index}: bbox is {box}; expected [x, y, width, height] in pixels")
         if box is None and mask is None:
-            raise StepError(f"{path}: entry {index} has neither bbox nor segmentation")
+            raise StepError(f"{path}: entry {index} has neither bbox nor segmentation; expected one of them")
         time_s = float(entry.get("time", -1.0))
         image = entry["scene_id"], entry["image_id"]
         if isinstance(mask, list):
@@ -167,7 +168,7 @@ def _to_run_lengths(mask: dict) -> dict:
 def _compress(path: Path, index: int, mask: dict) -> dict:
     """Compressed run lengths of a mask in entry `index` of the file. Raises StepError if they do not fit its size."""
     if "size" not in mask or "counts" not in mask:
-        raise StepError(f"{path}: entry {index}: segmentation lacks size or counts; expected run lengths")
+        raise StepError(f"{path}: entry {index}: segmentation lacks size or counts; expected run lengths, or polygons")
     height, width = mask["size"]
     if max(height, width) > LARGEST_SIDE_PX or height * width > LARGEST_IMAGE_PX:
         size = f"{height} x {width} px"

@@ -49,7 +49,7 @@ class Estimates:
 
 
 def read_estimates(path: Path) -> Estimates:
-    """Read a result CSV of any size in blocks. The header may be missing; an empty file has no estimates.
+    """Read a result CSV of any size in blocks. The header may be missing; an empty file has no estimates, and gives a warning.
 
     Raises:
         StepError: a row has another form, a number is not finite, an R is no rotation, t is in metres, or times
@@ -58,23 +58,41 @@ def read_estimates(path: Path) -> Estimates:
     path = Path(path)
     if not path.is_file():
         raise StepError(f"result file {path} does not exist")
-    blocks = []
+    blocks, size_bytes = [], path.stat().st_size
     with path.open("rb") as file:
         mark = file.read(len(codecs.BOM_UTF8))
         if mark.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
             raise StepError(f"result file {path} is text in UTF-16; save it as CSV in UTF-8")
         start = len(codecs.BOM_UTF8) if mark == codecs.BOM_UTF8 else 0
         file.seek(start)
-        line = first_line = 2 if file.readline(LINE_BYTES).replace(b" ", b"").strip() == HEADER.encode() else 1
+        line = first_line = 2 if _is_header(path, file.readline(LINE_BYTES)) else 1
         if first_line == 1:
             file.seek(start)
         while lines := file.readlines(BLOCK_BYTES):
+            count = len(lines)
+            if file.tell() == size_bytes:  # the file ends with blank lines
+                while lines and not lines[-1].strip():
+                    lines.pop()
             blocks.append(_parse(path, lines, line))
-            line += len(lines)
+            line += count
     rows = np.concatenate(blocks) if blocks else np.empty((0, NUMBERS))
     estimates = _from_rows(rows)
     _check(path, estimates, rows, first_line)
+    if not len(estimates):
+        warn(f"result file {path} holds no estimates; every object counts as not found. Expected rows of {HEADER}")
     return estimates
+
+
+def _is_header(path: Path, line: bytes) -> bool:
+    """Whether the first line is the header. Raises StepError where it is another one."""
+    found = line.decode(errors="replace").replace(" ", "").strip()
+    if found.lower() == HEADER.lower():
+        return True
+    if found[:1].isalpha() and not found.lower().startswith(("nan", "inf")):
+        raise StepError(
+            f"{path}, line 1 is the header {found[:80]}; expected {HEADER}, in this order and separated by commas: write the columns so"
+        )
+    return False
 
 
 def write_estimates(path: Path, estimates: Estimates) -> None:
@@ -97,8 +115,8 @@ def _parse(path: Path, lines: list[bytes], first_line: int) -> np.ndarray:
             raise StepError(f"{path}, line {first_line + offset} is {len(line)} bytes long; expected {NUMBERS} numbers: {HEADER}")
         fields = line.split(b",")
         if len(fields) != 7:
-            what = f"has {len(fields)} fields" if line.strip() else "is empty"
-            raise StepError(f"{path}, line {first_line + offset} {what}; expected 7: {HEADER}")
+            what = f"has {len(fields)} fields" if line.strip() else "is empty, and more lines follow"
+            raise StepError(f"{path}, line {first_line + offset} {what}; expected 7, separated by commas: {HEADER}")
         rotation, translation = fields[4].split(), fields[5].split()
         if len(rotation) != 9 or len(translation) != 3:
             _raise_for_line(path, line, first_line + offset)
@@ -121,7 +139,10 @@ def _raise_for_line(path: Path, line: bytes, number: int) -> None:
             try:
                 float(word)
             except ValueError:
-                raise StepError(f"{path}, line {number}: {name} holds {word.decode(errors='replace')[:40]!r}, which is no number") from None
+                raise StepError(
+                    f"{path}, line {number}: {name} holds {word.decode(errors='replace')[:40]!r}, which is no number; numbers are"
+                    " separated by spaces, without brackets or quotes"
+                ) from None
 
 
 def _from_rows(rows: np.ndarray) -> Estimates:

@@ -63,6 +63,6 @@ def _read_gzipped(path: Path) -> Any:
         with gzip.open(path, "rt", encoding="utf-8") as file:
             return json.load(file)
     except FileNotFoundError:
-        raise StepError(f"{path} does not exist; run the step that writes it first") from None
+        raise StepError(f"{path} does not exist; check the path, or run the step that writes it") from None
     except (OSError, EOFError, UnicodeDecodeError, RecursionError, json.JSONDecodeError) as error:
         raise StepError(f"{path} is not gzipped JSON ({error}); fetch it again") from None

@@ -103,7 +103,10 @@ def read_target_frames(split: Path, targets: list[Target], targets_path: Path, t
     frames: Frames = {}
     for target in targets:
         if target.scene_id not in folders:
-            raise StepError(f"{targets_path} asks for scene {target.scene_id}, which {split} does not have; it has {sorted(folders)}")
+            raise StepError(
+                f"{targets_path} asks for scene {target.scene_id}, which {split} does not have; it has"
+                f" {sorted(folders)}. Take targets and images of the same dataset"
+            )
         if target.scene_id not in scenes:
             scenes[target.scene_id] = read_scene(folders[target.scene_id], truth_needed)
         frame = scenes[target.scene_id].get(target.im_id)

@@ -55,7 +55,9 @@ def read_board(name: str) -> Board | TagBoard:
     path = own if own.is_file() else Path(name)
     if not path.is_file():
         ours = ", ".join(sorted(file.stem for file in OWN.glob("*.yaml")))
-        raise StepError(f"there is no board {name}; expected {ours}, a YAML file that describes one, or tags of one size, such as 36h11:50")
+        raise StepError(
+            f"there is no board {name}; expected {ours}, a YAML file that describes one, or tags of one size in mm, such as 36h11:50"
+        )
     try:
         content = yaml.safe_load(path.read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
