@@ -41,6 +41,11 @@ def test_a_missing_file_is_computed(models: Path, capsys: pytest.CaptureFixture[
         read_models(models, [4])
 
 
+def test_numbers_with_zeros_before_them_are_numbers(models: Path) -> None:
+    (models / "models_info.json").write_text(json.dumps({"000003": {"diameter": 100.0}, "5": {"diameter": 74.8}}))
+    assert list(read_models(models, [3, 5])) == [3, 5]
+
+
 def test_the_command_writes_it_with_symmetries(models: Path, capsys: pytest.CaptureFixture[str]) -> None:
     command = ["--method", "models_info", "--symmetries", "--models", str(models)]
     assert stage_main("zeroshop_steps.bop", command) == 0

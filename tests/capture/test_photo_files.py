@@ -9,6 +9,7 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from helpers.shoot import HEIGHT, WIDTH
+from zeroshop_steps.capture.mask_files import read_user_mask
 from zeroshop_steps.capture.photo_files import is_cut_out, read_photo, write_upright
 from zeroshop_steps.capture.photos import import_photos
 from zeroshop_steps.geometry.imaging.images import read_image, read_mask
@@ -110,5 +111,15 @@ def test_photos_that_are_opaque_have_no_masks_of_their_own(shoot):
         cut_out(shoot, index)
     Image.open(shoot.images / "IMG_0004.png").convert("RGB").save(shoot.images / "IMG_0004.png")
     assert not is_cut_out(shoot.images)
-    (shoot.images / "IMG_0004.png").unlink()
+    said = []
+    for number, opacity in ((2, 255), (3, 0)):
+        image = Image.open(shoot.images / "IMG_0000.png").convert("RGB")
+        image.putalpha(opacity)
+        image.save(shoot.images / f"IMG_000{number}.png")
+        with pytest.raises(StepError) as error:
+            read_user_mask(*[shoot.images / f"IMG_000{number}.png"] * 2, read_photo(shoot.images / f"IMG_000{number}.png", 1000))
+        said.append(str(error.value))
+    assert "nothing in it is transparent" in said[0] and "all in it is transparent; remove its background alone" in said[1]
+    for number in (2, 3, 4):
+        (shoot.images / f"IMG_000{number}.png").unlink()
     assert is_cut_out(shoot.images)

@@ -67,7 +67,10 @@ def _find_object(image: Image.Image, path: Path, photo_path: Path) -> tuple[np.n
     if (opaque := read_cut_out(image)) is not None:
         return opaque, "" if path == photo_path else "cut-outs, all but the object transparent"
     if path == photo_path:
-        raise StepError(f"photo {path} is given as its own mask, but nothing in it is transparent; remove its background, or take it out")
+        shown = "nothing" if not image.has_transparency_data or np.asarray(image.convert("RGBA").getchannel("A")).any() else "all"
+        raise StepError(
+            f"photo {path} is given as its own mask, but {shown} in it is transparent; remove its background alone, or take it out"
+        )
     if image.mode == "P":
         levels = np.array(image.getpalette("RGB"), np.int32).reshape(-1, 3)
         indices = np.asarray(image)
