@@ -114,10 +114,11 @@ def test_whether_cut_outs_are_cut_off_is_said_by_what_is_left_of_them(tmp_path, 
 @pytest.mark.parametrize(
     ("name", "problem", "warning"), [("apple_film", "", "one side alone is seen"), ("teddy_moved", "move against each other", "one side")]
 )
-def test_poor_films_of_others_are_told(shared_data, name, problem, warning):
+def test_poor_films_of_others_are_told(shared_data, monkeypatch, tmp_path, name, problem, warning):
     film = shared_data / "captures" / name / "film.mp4"
     if not film.is_file():
         pytest.skip(f"{film} is not there")
+    monkeypatch.setattr(check, "find_weights_home", lambda: tmp_path)  # as before anything was downloaded
     problems, warnings = check_capture(film)
     assert [problem in line for line in problems] == ([True] if problem else [])
     assert any(warning in line for line in warnings)

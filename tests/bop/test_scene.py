@@ -92,6 +92,13 @@ def test_missing_depth_is_named(dataset):
         dataset_in(dataset.folder).frames[1, 0].depth_mm()
 
 
+def test_a_link_that_was_copied_as_text_is_named(dataset):
+    shutil.rmtree(dataset.scenes / "000001" / "depth")
+    (dataset.scenes / "000001" / "depth").write_text("/data/test/000001/depth")
+    with pytest.raises(StepError, match=r"000001/depth is a file, not a folder of images, .*; put the folder there"):
+        dataset_in(dataset.folder).frames[1, 0].image_path("depth")
+
+
 def test_a_missing_mask_is_named(dataset):
     shutil.rmtree(dataset.scenes / "000001" / "mask_visib")
     with pytest.raises(StepError, match="mask_visib has no 000000_000000.png"):

@@ -1,5 +1,6 @@
 """A printed box is found again, print side and all, from its depth and colours, half of it hidden or not."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,9 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from helpers.printed_box import INTRINSICS, make_box, taken, view
-from zeroshop_steps.bop.formats.models import ObjectModel
+from zeroshop_steps.bop.formats.bop_scenes import read_scene
+from zeroshop_steps.bop.formats.estimates import read_estimates
+from zeroshop_steps.bop.formats.models import ObjectModel, read_models
 from zeroshop_steps.bop.scoring.pose_error import ModelPoints, mssd
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
@@ -16,6 +19,7 @@ from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer, sampl
 from zeroshop_steps.pose.icp import run_icp
 from zeroshop_steps.pose.pose_score import PoseScorer, cut_patch
 from zeroshop_steps.pose.render_compare import PreparedModel, collect_points, estimate_pose
+from zeroshop_steps.runtime.cli import stage_main
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +64,28 @@ def test_a_model_without_a_texture_is_found(model, form):
     symmetries = turns[:1] if form == "vertex colours" else turns
     error_mm = mssd(found.camera_from_model[None], pose[None], ModelPoints.from_vertices(mesh.vertices), symmetries)[0]
     assert error_mm < 0.05 * model.diameter_mm
+
+
+@pytest.mark.slow
+def test_a_published_model_with_colours_at_its_vertices_is_found(shared_data, tmp_path):
+    """A basket of TYO-L in a real photo."""
+    published = shared_data / "reports/tyol"
+    if not published.is_dir():
+        pytest.skip(f"{published} is not there")
+    scene, masked = tmp_path / "test/000019", published / "test_with_masks/000019"
+    for folder in (published / "test/000019/rgb", published / "test/000019/depth", masked / "mask_visib"):
+        shutil.copytree(folder, scene / folder.name)
+    for path in masked.glob("*.json"):
+        shutil.copy(path, scene)
+    places = {"models": published / "models", "scenes": scene.parent, "targets": published / "test_targets_bop19.json"}
+    words = [word for name, place in places.items() for word in (f"--{name}", str(place))]
+    assert stage_main("zeroshop_steps.pose", ["--method", "render_compare", *words, "--out", str(tmp_path / "poses.csv")]) == 0
+    model, found = read_models(published / "models", [19])[19], read_estimates(tmp_path / "poses.csv")
+    (truth,) = read_scene(scene)[10].instances
+    estimated = np.eye(4)
+    estimated[:3] = np.concatenate([found.rotations[0], found.translations_mm[0][:, None]], axis=1)
+    error_mm = mssd(estimated[None], truth.camera_from_model[None], ModelPoints.from_vertices(model.mesh.vertices), model.symmetries)[0]
+    assert model.diameter_mm == pytest.approx(253.3, abs=0.1) and error_mm < 0.05 * model.diameter_mm
 
 
 def subdivided(mesh: Mesh, times: int) -> Mesh:
