@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pycolmap
 import pytest
@@ -75,6 +76,19 @@ def test_heic_photos_are_converted_upright_with_their_exif(shoot):
         assert image.format == "JPEG" and image.size == (HEIGHT, WIDTH)
         assert image.getexif().get(0x0112, 1) == 1
         assert image.getexif().get_ifd(0x8769)[0xA405] == 28
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.tif"])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_twelve_bits_in_sixteen_are_told(tmp_path, name, channels):
+    levels = np.random.default_rng(0).integers(0, 4096, (HEIGHT, WIDTH, channels)).astype(np.uint16)
+    for factor in (1, 16):
+        cv2.imwrite(str(tmp_path / name), levels * factor)
+        if factor == 16:
+            assert read_photo(tmp_path / name, 1000).pixels.mean() == pytest.approx(127, abs=3)
+            continue
+        with pytest.raises(StepError, match="has 16 bits, of which its brightest pixel fills 12 at most.*export it as JPEG or PNG of 8"):
+            read_photo(tmp_path / name, 1000)
 
 
 @pytest.mark.parametrize("suffix", [".jfif", ".JPE", ".mpo"])

@@ -94,6 +94,15 @@ def test_a_line_names_several_materials(tmp_path: Path) -> None:
     assert (read_mesh(tmp_path / "two.obj").texture == (0, 90, 200)).all()
 
 
+@pytest.mark.parametrize("name", ["cup.ply", "cup.obj"])
+def test_a_folder_is_no_mesh(tmp_path: Path, name: str) -> None:
+    with pytest.raises(StepError, match="does not exist; check the path"):
+        read_mesh(tmp_path / name)
+    (tmp_path / name).mkdir()
+    with pytest.raises(StepError, match="is a folder; name the mesh in it"):
+        read_mesh(tmp_path / name)
+
+
 def test_what_a_folder_holds_instead_is_told(tmp_path: Path) -> None:
     assert "is empty, or does not exist" in describe_others(tmp_path / "none")
     (tmp_path / "obj_000001.3mf").touch()

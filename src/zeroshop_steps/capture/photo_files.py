@@ -23,6 +23,7 @@ LOSSLESS_SUFFIXES = (".png", ".bmp")
 MAX_SIDE_PX = 3072  # finer photos do not make a finer surface, which is estimated from images of 1000 px, and hardly a finer texture
 MOST_PIXELS = 250_000_000
 """Phones take up to 200 megapixels. More is a panorama or a damaged header, and would need more than 1 GB of memory."""
+FEWEST_LEVELS = 16  # of 256, that a photo of 16 bits must use: of 12 bits stored in 16, no pixel is brighter
 UPRIGHT = 1
 TRANSPOSED = (5, 6, 7, 8)  # orientations in which width and height change places
 PIXEL_COUNTS = ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight
@@ -102,6 +103,7 @@ def read_photo(path: Path, max_side_px: int) -> PhotoPixels:
             raise StepError(
                 f"image {path} has floating-point pixels, whose range of brightness it does not say; export it again as JPEG or PNG"
             )
+        deep = any(";16" in str(part) for part in (image.mode, *image.tile))  # before its tags are read, which decodes a PNG
         orientation = int(image.getexif().get(ExifTags.Base.Orientation, UPRIGHT))
         if max(stored_px) > max_side_px:
             image.draft("RGB", (max_side_px, max_side_px))
@@ -109,7 +111,13 @@ def read_photo(path: Path, max_side_px: int) -> PhotoPixels:
         upright = ImageOps.exif_transpose(image)
         exif = upright.getexif()
         _scale_pixel_tags(exif, max(upright.size) / max(stored_px))
-        return PhotoPixels(_to_rgb(upright), stored_px, stored_as, orientation, exif, quantization)
+        pixels = _to_rgb(upright)
+        if deep and pixels.max() < FEWEST_LEVELS:
+            raise StepError(
+                f"image {path} has 16 bits, of which its brightest pixel fills {8 + int(pixels.max()).bit_length()} at most: its camera"
+                " measures 12 or fewer; multiply its levels, or export it as JPEG or PNG of 8 bits"
+            )
+        return PhotoPixels(pixels, stored_px, stored_as, orientation, exif, quantization)
 
 
 @contextlib.contextmanager

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps.geometry.imaging.images import write_image
-from zeroshop_steps.geometry.meshes.ply_surface import find_beside, find_textures, read_ply
+from zeroshop_steps.geometry.meshes.ply_surface import find_beside, find_textures, read_ply, require_mesh_file
 from zeroshop_steps.geometry.meshes.surface_parts import SurfacePart, join_parts, with_texture
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.geometry.meshes.units import MM_PER_M
@@ -42,8 +42,7 @@ def read_mesh(path: Path) -> Mesh:
         return _tell_untextured(path, read_ply(path))
     if suffix not in SUFFIXES:
         raise StepError(f"mesh {path} is of no format that is read: {', '.join(SUFFIXES)}; export it as PLY")
-    if not path.is_file():
-        raise StepError(f"mesh {path} does not exist; check the path, or run the step that writes it")
+    require_mesh_file(path)
     if suffix in GLTF:
         _check_gltf(path)
     try:

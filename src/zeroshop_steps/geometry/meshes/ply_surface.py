@@ -33,8 +33,7 @@ def read_ply(path: Path) -> Mesh:
         StepError: the mesh is missing, damaged or without faces, or a texture is missing or outside the mesh's folder.
     """
     path = Path(path)
-    if not path.is_file():
-        raise StepError(f"mesh {path} does not exist; check the path, or run the step that writes it")
+    require_mesh_file(path)
     tables = read_ply_tables(path)
     vertex, face = tables.elements.get("vertex"), tables.elements.get("face")
     if vertex is None or not {"x", "y", "z"} <= set(vertex.columns):
@@ -88,6 +87,14 @@ def read_ply(path: Path) -> Mesh:
         return join_parts(_by_texture(parts, numbers, textures, path))
     except ValueError as error:
         raise StepError(f"mesh {path} cannot be used as it is: {error}") from None
+
+
+def require_mesh_file(path: Path) -> None:
+    """Raise StepError where a mesh is not there, or is a folder."""
+    if path.is_dir():
+        raise StepError(f"mesh {path} is a folder; name the mesh in it")
+    if not path.is_file():
+        raise StepError(f"mesh {path} does not exist; check the path, or run the step that writes it")
 
 
 def _by_texture(whole: SurfacePart, numbers: np.ndarray | None, textures: list[Path], path: Path) -> list[SurfacePart]:
