@@ -103,7 +103,7 @@ def read_photo(path: Path, max_side_px: int) -> PhotoPixels:
             raise StepError(
                 f"image {path} has floating-point pixels, whose range of brightness it does not say; export it again as JPEG or PNG"
             )
-        deep = any(";16" in str(part) for part in (image.mode, *image.tile))  # before its tags are read, which decodes a PNG
+        deep = any(";16" in str(part) for part in (image.mode, *getattr(image, "tile", ())))  # reading its tags decodes a PNG
         orientation = int(image.getexif().get(ExifTags.Base.Orientation, UPRIGHT))
         if max(stored_px) > max_side_px:
             image.draft("RGB", (max_side_px, max_side_px))
