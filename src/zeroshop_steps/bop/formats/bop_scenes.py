@@ -76,19 +76,14 @@ class Frame:
         return f"scene {self.scene_id}, image {self.image_id}"
 
     def image_path(self, kind: str, instance: int | None = None) -> Path | None:
-        """The path of its `rgb`, `gray` or `depth`, or of an instance's `mask` or `mask_visib`; None if there is no such file.
-
-        Raises:
-            StepError: the image is of another format, or a file is in the place of its folder.
-        """
-        if (self.folder / kind).is_file():
-            raise StepError(
-                f"{self.folder / kind} is a file, not a folder of images, such as a link that was copied as text; put the folder there"
-            )
+        """The path of its `rgb`, `gray` or `depth`, or of an instance's `mask` or `mask_visib`; None if there is no such file."""
+        place = self.folder / kind
+        if place.is_file():
+            raise StepError(f"{place} is a file, not a folder of images, such as a link that was copied as text; put the folder there")
         stem = f"{self.image_id:06d}" + ("" if instance is None else f"_{instance:06d}")
-        found = (self.folder / kind / f"{stem}{suffix}" for suffix in IMAGE_SUFFIXES)
+        found = (place / f"{stem}{suffix}" for suffix in IMAGE_SUFFIXES)
         path = next((path for path in found if path.is_file()), None)
-        if path is None and (others := sorted((self.folder / kind).glob(f"{stem}.*"))):
+        if path is None and (others := sorted(place.glob(f"{stem}.*"))):
             raise StepError(f"image {others[0]} is of a format that is not read here; export it as {', '.join(IMAGE_SUFFIXES)}")
         return path
 
