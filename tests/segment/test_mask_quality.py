@@ -6,7 +6,7 @@ import pytest
 from zeroshop_steps.geometry.imaging.images import read_image, write_image
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.quality.mask_quality import check_enough_good, compare_with_hull, describe_quality, touches_border
-from zeroshop_steps.segment.record import show_rejected_masks
+from zeroshop_steps.segment.record import show_rejected_masks, warn_of_dropped
 
 NAMES = [f"{index:06d}.png" for index in range(10)]
 
@@ -67,3 +67,12 @@ def test_refused_masks_are_shown(tmp_path):
     with show_rejected_masks(paths, picture):
         pass
     assert not picture.exists(), "of an earlier run"
+
+
+@pytest.mark.parametrize(("shown", "wide"), [(0.68, True), (0.98, False)])
+def test_what_a_wide_lens_cut_off_is_told(capsys, shown, wide):
+    warn_of_dropped({"cut_off": ["000003.png"]}, {"lens": {"model": "OPENCV_FISHEYE", "shown_share": shown}})
+    said = capsys.readouterr().err
+    assert (
+        "cut off at the border in 000003.png" in said and ("undistorted, they show 68% of the photos, as the lens is wide" in said) == wide
+    )
