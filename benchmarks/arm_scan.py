@@ -19,10 +19,9 @@ from zeroshop_steps.runtime.tables import write_table
 from zeroshop_steps.scan.arm.kinematics import ARMS, find_arm
 from zeroshop_steps.scan.measured_surface import MeasuredSurface
 from zeroshop_steps.scan.next_views import propose
-from zeroshop_steps.simulate.arm.completeness import TrueSurface
 from zeroshop_steps.simulate.arm.scan_robot import RINGS_DEG, ScanRobot
 from zeroshop_steps.simulate.arm.scan_scene import PROJECTOR_M, ScanScene
-from zeroshop_steps.simulate.arm_scan import DISTANCES_M, NEXT_BEST, go_on
+from zeroshop_steps.simulate.arm_scan import DISTANCES_M, NEXT_BEST, TrueSurface, go_on
 from zeroshop_steps.synthetic.demo_objects import write_demo_object
 
 WANTED = 0.98

@@ -152,8 +152,7 @@ def _draw_mesh() -> None:
 
 
 def _color_texels() -> None:
-    from zeroshop_steps.finish.texturing.texel_colors import VotingView
-    from zeroshop_steps.finish.texturing.texel_devices import make_texel_colors
+    from zeroshop_steps.finish.texturing.texel_colors import VotingView, make_texel_colors
 
     nothing, image = np.zeros((3, 3), np.float32), np.zeros((8, 8, 3), np.float32)
     colors = make_texel_colors("cuda", np.zeros((1, 3), np.int32), nothing[:1], np.zeros((3, 3)), 0.1)

@@ -27,7 +27,7 @@ from zeroshop_steps.robot.recognition import Recognition, RecognitionRequest, Re
 from zeroshop_steps.robot.recognizers import make_recognizers
 from zeroshop_steps.robot.ros1.environment import provide_ros
 from zeroshop_steps.robot.ros1.messages import ActionMessages, load_messages
-from zeroshop_steps.robot.ros1.servers import RecognitionServers
+from zeroshop_steps.robot.ros1_servers import RecognitionServers
 from zeroshop_steps.ros.image_messages import write_image
 
 WIDTH, HEIGHT = 64, 48

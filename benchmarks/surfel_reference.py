@@ -6,7 +6,7 @@ al. 2024, eq. 8 to 10), every pixel is compared with every surfel, and autograd 
 
 import torch
 
-from zeroshop_steps.surface.rendering.spherical_harmonics import spherical_harmonics
+from view_colors import spherical_harmonics
 from zeroshop_steps.surface.twodgs.kernels.project import ALPHA_MIN, GRAZING_MIN
 from zeroshop_steps.surface.twodgs.surfels import rotation_matrices
 

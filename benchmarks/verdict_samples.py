@@ -32,9 +32,8 @@ from zeroshop_steps.register.scene.database import delete_pair
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.scene.record import Record, Stopwatch
 from zeroshop_steps.register.scene.undistortion import undistort
-from zeroshop_steps.register.verification.consistency import ConsistencyLimits, check_consistency
+from zeroshop_steps.register.verification.consistency import ConsistencyLimits, check_consistency, find_jump
 from zeroshop_steps.register.verification.duplicate_structure import MayMatch
-from zeroshop_steps.register.verification.film_path import find_jump
 from zeroshop_steps.register.verification.predicted_masks import find_object_maps, mask_images
 from zeroshop_steps.runtime.files import read_json
 

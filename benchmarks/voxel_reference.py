@@ -7,7 +7,7 @@ depth, ray by ray, and autograd gives the gradients. It is slow, and for tests o
 
 import torch
 
-from zeroshop_steps.surface.rendering.spherical_harmonics import spherical_harmonics
+from view_colors import spherical_harmonics
 from zeroshop_steps.surface.rendering.tiling import STOP
 from zeroshop_steps.surface.svraster.kernels.intersection import DENSITY_SCALE, LINEAR_FROM, SAMPLES
 from zeroshop_steps.surface.svraster.kernels.project import FLAT

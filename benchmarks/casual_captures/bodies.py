@@ -20,7 +20,7 @@ def make_ellipsoid(centre: Point, half_axes: Point, panel: str, side_mm: float, 
     angle = np.linspace(-np.pi / 2, np.pi / 2, 28)
     profile = np.column_stack([np.cos(angle), np.sin(angle)])
     profile[[0, -1], 0] = 0.0
-    [patch] = revolve([ProfileBand(profile, panel)], {panel: side_mm}, segments=48)
+    [patch] = revolve([ProfileBand(profile, panel, side_mm)], segments=48)
     uv_mm = patch.uv_mm * [1.0, side_mm / patch.uv_mm[:, 1].max()]
     turn = Rotation.from_euler("xyz", turn_deg, degrees=True).as_matrix()
     return [replace(patch, vertices=patch.vertices * half_axes @ turn.T + centre, uv_mm=uv_mm)]
@@ -29,7 +29,7 @@ def make_ellipsoid(centre: Point, half_axes: Point, panel: str, side_mm: float, 
 def make_turned(corners: Sequence[tuple[float, ...]], panel: str, side_mm: float, offset: Point = (0.0, 0.0, 0.0)) -> Solid:
     """A turned body, mm: its profile (radius, z[, rounding]) runs from the bottom's centre to the top's; print as of an ellipsoid."""
     profile = round_polyline(corners, step_mm=3.0)
-    [patch] = revolve([ProfileBand(profile, panel)], {panel: side_mm}, segments=72)
+    [patch] = revolve([ProfileBand(profile, panel, side_mm)], segments=72)
     uv_mm = patch.uv_mm * [1.0, side_mm / float(arc_length(profile)[-1])]
     return transform_solid([replace(patch, uv_mm=uv_mm)], np.eye(3), offset)
 

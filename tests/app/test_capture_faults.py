@@ -6,9 +6,8 @@ import pytest
 from PIL import Image
 
 from zeroshop_steps.app import check
-from zeroshop_steps.app.check import check_capture
+from zeroshop_steps.app.check import check_capture, measure_turn_deg
 from zeroshop_steps.app.moved_things import follow_points, judge_motion
-from zeroshop_steps.app.turning import measure_turn_deg
 from zeroshop_steps.capture.bridging import find_features
 from zeroshop_steps.geometry.cameras.viewpoints import look_at
 

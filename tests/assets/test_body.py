@@ -6,9 +6,9 @@ import trimesh
 
 from helpers.faults import step
 from helpers.small_bodies import make_box, write_product
+from zeroshop_steps.assets.body import find_mass
 from zeroshop_steps.assets.body_files import read_body
 from zeroshop_steps.assets.convex_parts import split_convex
-from zeroshop_steps.assets.mass import find_mass
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 

@@ -11,8 +11,16 @@ from helpers.true_features import TrueDescriber
 from zeroshop_steps.bop.formats.detections import decode_mask, read_detections
 from zeroshop_steps.bop.formats.models import read_models
 from zeroshop_steps.detect.detector_io import read_photo
-from zeroshop_steps.detect.sam6d_ism import ObjectViews, describe_object, find_objects
-from zeroshop_steps.detect.sam6d_ism.scores import compare_views, measure_visible_ratio, overlap_boxes, project_box, score_appearance
+from zeroshop_steps.detect.sam6d_ism import (
+    ObjectViews,
+    compare_views,
+    describe_object,
+    find_objects,
+    measure_visible_ratio,
+    overlap_boxes,
+    project_box,
+    score_appearance,
+)
 from zeroshop_steps.detect.templates import read_templates
 
 TOLERANCE = 1e-4

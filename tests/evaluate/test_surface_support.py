@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from helpers.carton_scene import camera_at
-from zeroshop_steps.evaluate.surface_support import classify_finished_mesh
+from zeroshop_steps.evaluate.finished_mesh import classify_finished_mesh
 from zeroshop_steps.geometry.cameras.registered_views import View, read_views
 from zeroshop_steps.geometry.imaging.images import write_mask
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh

@@ -6,7 +6,7 @@ import trimesh
 
 from helpers.carton_scene import camera_at
 from helpers.solids import as_trimesh
-from zeroshop_steps.evaluate.surface_support import drop_generated
+from zeroshop_steps.evaluate.finished_mesh import drop_generated
 from zeroshop_steps.finish.closing import watertight
 from zeroshop_steps.finish.closing.close import close_by_generated
 from zeroshop_steps.finish.closing.generated import propose

@@ -39,7 +39,7 @@ def opened_from(truth: Mesh, paint: Paint, mesh: Mesh, confirmed: np.ndarray = N
 def coarse_voxels() -> Iterator[None]:
     """Voxels of 1.6 mm, as the walls are 5 mm thick; and of each photo, half the pixels."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(vessel, "VOXELS", 56)
+        patch.setattr(vessel, "COARSE_VOXELS", 56)
         patch.setattr(hollows, "PIXELS", hollows.PIXELS // 2)
         yield
 

@@ -5,8 +5,7 @@ import pytest
 
 from helpers import few_texels
 from helpers.simulator import run_in_simulator
-from zeroshop_steps.finish.texturing.texel_colors import VotingView
-from zeroshop_steps.finish.texturing.texel_devices import make_texel_colors
+from zeroshop_steps.finish.texturing.texel_colors import VotingView, make_texel_colors
 from zeroshop_steps.runtime.compute.kernel_devices import has_cuda
 from zeroshop_steps.runtime.errors import StepError
 

@@ -47,7 +47,6 @@ def test_depth_is_that_of_rays(mesh):
 
 @pytest.mark.parametrize("limit", [1, 1000, 1 << 20])
 def test_the_compiled_kernel_draws_what_its_twin_draws_in_parts_of_any_size(mesh, monkeypatch, limit):
-    monkeypatch.setattr(rasterization, "MOST_CANDIDATES", max(limit, 40))
     monkeypatch.setattr(rasterization, "MOST_TRIANGLES", limit)
     _, points, faces, grid = posed(mesh)
     pixels = (points[..., :2] / points[..., 2:] - grid.first[:, None]) / grid.step[:, None]

@@ -7,8 +7,7 @@ import sys
 
 import numpy as np
 
-from zeroshop_steps.finish.texturing.texel_colors import VotingView
-from zeroshop_steps.finish.texturing.texel_devices import make_texel_colors
+from zeroshop_steps.finish.texturing.texel_colors import VotingView, make_texel_colors
 from zeroshop_steps.geometry.observation.visibility import find_visible, sample_image
 
 TEXELS, VERTICES, VIEWS, WIDTH_PX, HEIGHT_PX = 300, 40, 3, 24, 18

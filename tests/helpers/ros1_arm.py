@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at
 from zeroshop_steps.robot.ros1.environment import provide_ros
-from zeroshop_steps.robot.ros1.scan_services import find_transforms
+from zeroshop_steps.robot.scan_ros1 import find_transforms
 from zeroshop_steps.ros.image_messages import write_image
 
 WIDTH, HEIGHT, OPTICAL = 160, 120, "camera_optical"

@@ -13,9 +13,9 @@ import numpy as np
 
 from helpers.painted_scene import CARTON
 from zeroshop_steps.geometry.imaging.images import decode_image, read_image, read_mask
-from zeroshop_steps.robot.ros1.client import STATES
 from zeroshop_steps.robot.ros1.environment import provide_ros
 from zeroshop_steps.robot.ros1.messages import load_messages
+from zeroshop_steps.robot.ros1_goal import STATES
 from zeroshop_steps.ros.image_messages import write_image
 
 

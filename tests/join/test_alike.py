@@ -6,9 +6,8 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from helpers.shape_outlines import capture
-from zeroshop_steps.join.alike import MOST_TELLING, choose_any, fits_itself
 from zeroshop_steps.join.evidence import LARGEST_MISS_PX, Judgement, PassObservation
-from zeroshop_steps.join.reasons import explain_joined
+from zeroshop_steps.join.passes import MOST_TELLING, choose_any, explain_joined, fits_itself
 from zeroshop_steps.join.ways import Way
 from zeroshop_steps.register.submodels.appearance import Likeness
 

@@ -20,7 +20,7 @@ from zeroshop_steps.join.evidence import (
     is_same,
     judge_ways,
 )
-from zeroshop_steps.join.reasons import explain, explain_joined
+from zeroshop_steps.join.passes import explain, explain_joined
 from zeroshop_steps.join.ways import Way
 from zeroshop_steps.register.submodels.appearance import Likeness
 from zeroshop_steps.runtime.cli import stage_main

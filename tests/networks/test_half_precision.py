@@ -27,7 +27,7 @@ from zeroshop_steps.networks.mast3r.model import MASt3R, Mast3rSettings
 from zeroshop_steps.networks.sam6d.model import KnownObject, Sam6dPem
 from zeroshop_steps.networks.trellis.sparse import Pooling, SparseVoxels
 from zeroshop_steps.networks.vggt.model import Vggt
-from zeroshop_steps.pose.foundationpose.poses import apply_update
+from zeroshop_steps.pose.foundationpose.estimator import apply_update
 
 CPU = torch.device("cpu")
 Case = Callable[[torch.device], dict[str, Tensor]]

@@ -21,10 +21,9 @@ from zeroshop_steps.networks.da3.settings import BASE, SMALL
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, look_up_weights
 from zeroshop_steps.register import pipeline
 from zeroshop_steps.register.colmap import ColmapOptions
-from zeroshop_steps.register.da3.network import WIDTH_OF, Da3Network, find_size, predict_peak_bytes
 from zeroshop_steps.register.da3.options import Da3Options
 from zeroshop_steps.register.da3.refinement import RoughScene, find_near, gather_tracks, measure_share, start_from_cameras
-from zeroshop_steps.register.da3.solve import register
+from zeroshop_steps.register.da3.solve import WIDTH_OF, Da3Network, find_size, predict_peak_bytes, register
 from zeroshop_steps.register.features.sift import SiftOptions
 from zeroshop_steps.register.matching.network_matches import write_matches
 from zeroshop_steps.register.scene.image_set import read_image_set

@@ -14,7 +14,7 @@ from zeroshop_steps.robot.goal_camera import FixedCamera, TopicCamera
 from zeroshop_steps.robot.goals import read_pose
 from zeroshop_steps.robot.recognition import Recognition, RecognizedObject, make_frame
 from zeroshop_steps.robot.ros2.messages import bag_types, blank
-from zeroshop_steps.robot.ros2.node import GoalExecutor, start_servers
+from zeroshop_steps.robot.ros2_servers import GoalExecutor, start_servers
 from zeroshop_steps.ros.image_messages import write_image
 
 HEIGHT, WIDTH = 6, 8

@@ -10,11 +10,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from helpers.scan_messages import BASE, BASE_LINK_FROM_BASE, FLANGE_FROM_CAMERA, depth, photo, stand, transforms, view
-from zeroshop_steps.robot.ros1 import scan_services
+from zeroshop_steps.robot import scan_ros1
 from zeroshop_steps.robot.ros1.environment import provide_ros
 from zeroshop_steps.robot.ros2.messages import blank
-from zeroshop_steps.robot.ros2.scan_services import start_scan, write_pose_stamped
 from zeroshop_steps.robot.scan_node import ScanNode
+from zeroshop_steps.robot.scan_ros2 import start_scan, write_pose_stamped
 from zeroshop_steps.runtime.errors import StepError
 
 
@@ -100,8 +100,8 @@ def test_services_and_topics_of_ros1(node: ScanNode, monkeypatch: pytest.MonkeyP
         "std_srvs.srv": {"Trigger": "Trigger", "TriggerResponse": SimpleNamespace},
     }
     stand_in(monkeypatch, contents)
-    monkeypatch.setattr(scan_services, "find_transforms", lambda: "TFMessage")
-    scan_services.start_scan(node)
+    monkeypatch.setattr(scan_ros1, "find_transforms", lambda: "TFMessage")
+    scan_ros1.start_scan(node)
     assert set(served) == {"~record", "~next_view"} and {"/tf", "/tf_static"} < set(heard)
     answer = served["~record"](None)
     assert not answer.success and warned == [answer.message] and "no image has come" in answer.message
@@ -129,4 +129,4 @@ def test_transforms_are_known_without_their_package() -> None:
         provide_ros()
     except StepError:
         pytest.skip("ROS 1 is not installed")
-    assert scan_services.find_transforms()._md5sum == "94810edda583a504dfda3829e70d7eec"
+    assert scan_ros1.find_transforms()._md5sum == "94810edda583a504dfda3829e70d7eec"

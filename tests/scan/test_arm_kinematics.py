@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.scan.arm.arm_reach import ArmReach, CameraHand
-from zeroshop_steps.scan.arm.clearance import ClearanceCheck
+from zeroshop_steps.scan.arm.arm_reach import ArmReach, CameraHand, ClearanceCheck
 from zeroshop_steps.scan.arm.inverse_kinematics import nearest_turns, solve_poses
 from zeroshop_steps.scan.arm.kinematics import ARMS, JOINTS, Capsule, find_arm, find_jacobians
 from zeroshop_steps.scan.workspace import Box

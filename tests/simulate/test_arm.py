@@ -21,9 +21,9 @@ from zeroshop_steps.synthetic.demo_objects import write_demo_object
 
 pytest.importorskip("mujoco", reason="needs zeroshop[robot]")
 from zeroshop_steps.simulate.arm.arm_world import ArmWorld, flange_from_gripper, hand_with_camera  # noqa: E402
-from zeroshop_steps.simulate.arm.completeness import TrueSurface  # noqa: E402
 from zeroshop_steps.simulate.arm.scan_robot import ScanRobot  # noqa: E402
 from zeroshop_steps.simulate.arm.scan_scene import ScanScene  # noqa: E402
+from zeroshop_steps.simulate.arm_scan import TrueSurface  # noqa: E402
 
 HSR = GRIPPERS["hsr"]
 UR10E = ARMS["ur10e"]

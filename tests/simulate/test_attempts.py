@@ -15,12 +15,11 @@ from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.grasp.antipodal import GraspOptions
 from zeroshop_steps.grasp.gripper import GRIPPERS
 from zeroshop_steps.runtime.files import read_json, write_json
-from zeroshop_steps.simulate.attempts import Trial
+from zeroshop_steps.simulate.attempts import Trial, grasps_of_model
 from zeroshop_steps.simulate.camera import in_memory
 from zeroshop_steps.simulate.dynamics.lifting import settle
 from zeroshop_steps.simulate.dynamics.physical_body import write_body
 from zeroshop_steps.simulate.dynamics.physics import USUAL
-from zeroshop_steps.simulate.known_grasps import grasps_of_model
 from zeroshop_steps.simulate.perception import Perception
 from zeroshop_steps.simulate.physical_model import find_mass_kg, make_body
 from zeroshop_steps.simulate.protocol import choose_poses

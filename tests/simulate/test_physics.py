@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.constants
 
 from zeroshop_steps.grasp.gripper import GRIPPERS
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.simulate.dynamics.lifting import lift, settle
 from zeroshop_steps.simulate.dynamics.physical_body import PhysicalBody, read_body, write_body
-from zeroshop_steps.simulate.dynamics.physics import GRAVITY, USUAL, Physics
+from zeroshop_steps.simulate.dynamics.physics import USUAL, Physics
 
 pytest.importorskip("mujoco", reason="needs zeroshop[robot]")
 HSR = GRIPPERS["hsr"]
@@ -70,7 +71,7 @@ def test_a_wrong_grasp_fails_where_it_must(height_m: float, opening_m: float, as
 
 
 def test_friction_and_force_decide_what_can_be_lifted() -> None:
-    most_kg = 2 * USUAL.finger_force_n * USUAL.friction / GRAVITY
+    most_kg = 2 * USUAL.finger_force_n * USUAL.friction / scipy.constants.g
     assert grasp(box(0.8 * most_kg), 0.05, 0.08, replace(USUAL, shake_m=0.0)) == "success"
     assert grasp(box(1.2 * most_kg), 0.05, 0.08, replace(USUAL, shake_m=0.0)) == "lift"
     assert grasp(box(0.8 * most_kg), 0.05, 0.08, replace(USUAL, friction=USUAL.friction / 2)) == "lift"

@@ -9,8 +9,8 @@ from helpers.solids import as_trimesh
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.grasp.gripper import GRIPPERS
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.simulate.attempts import close_below
 from zeroshop_steps.simulate.dynamics.physical_body import PhysicalBody
-from zeroshop_steps.simulate.known_grasps import close_below
 from zeroshop_steps.simulate.physical_model import find_mass_kg
 from zeroshop_steps.simulate.protocol import choose_poses
 from zeroshop_steps.simulate.robot import put_on_table

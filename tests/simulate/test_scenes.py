@@ -20,7 +20,7 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.runtime.tables import read_table
 from zeroshop_steps.simulate.camera import HEIGHT_PX, WIDTH_PX, hsr_camera
-from zeroshop_steps.simulate.layout import Layout
+from zeroshop_steps.simulate.scenes import Layout
 from zeroshop_steps.synthetic.demo_objects import write_demo_object
 from zeroshop_steps.synthetic.scenes.clutter import make_body
 

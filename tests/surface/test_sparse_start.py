@@ -13,7 +13,7 @@ from zeroshop_steps.geometry.cameras.object_crops import fit_object_sphere
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.surface import svraster, twodgs
 from zeroshop_steps.surface.rendering.training_views import make_seed_views, read_camera_set
-from zeroshop_steps.surface.training.sparse_start import make_sparse_seeds
+from zeroshop_steps.surface.training.training_run import make_sparse_seeds
 
 SEEING = 4
 """Images that see each point."""

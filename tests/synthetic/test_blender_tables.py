@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.synthetic import blender_tables
+from zeroshop_steps.synthetic import blenderproc
 from zeroshop_steps.synthetic.scenes.clutter import GAP_MM, drop_bodies, make_body
 
 SOLIDS = [trimesh.creation.box((80, 60, 30)), trimesh.creation.cylinder(30, 90), trimesh.creation.icosphere(3, 35)] * 2
@@ -45,14 +45,14 @@ def test_what_does_not_come_to_rest_is_tried_again_and_then_refused(tmp_path, mo
         (tmp_path / str(len(falls) - 1) / "settled.json").write_text(json.dumps(content))
         return iter(())
 
-    monkeypatch.setattr(blender_tables, "run_script", restless)
+    monkeypatch.setattr(blenderproc, "run_script", restless)
     with pytest.raises(StepError, match="did not come to rest in 5 attempts"):
-        blender_tables.settle_bodies(tmp_path, tmp_path, bodies(), np.random.default_rng(0))
+        blenderproc.settle_bodies(tmp_path, tmp_path, bodies(), np.random.default_rng(0))
     assert len(falls) == 5 and falls[0] != falls[1]
 
 
 def test_physics_ends_in_rest_on_the_table(blender, tmp_path):
-    poses = blender_tables.settle_bodies(tmp_path, blender, bodies(), np.random.default_rng(0))
+    poses = blenderproc.settle_bodies(tmp_path, blender, bodies(), np.random.default_rng(0))
     vertices = moved(poses)
     heights = np.array([points[:, 2].min() for points in vertices])
     assert (heights > -1.0).all() and (heights < 1.0).sum() >= 3, "most things touch the table"
@@ -63,5 +63,5 @@ def test_physics_ends_in_rest_on_the_table(blender, tmp_path):
             assert (shape ^ other).volume() < 200.0, "things do not go through each other"
     for pose in poses:
         np.testing.assert_allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-5)
-    kept = blender_tables.settle_bodies(tmp_path, tmp_path / "gone.json", bodies(), np.random.default_rng(0))
+    kept = blenderproc.settle_bodies(tmp_path, tmp_path / "gone.json", bodies(), np.random.default_rng(0))
     assert all((one == other).all() for one, other in zip(poses, kept, strict=True)), "an outcome that is there is taken"

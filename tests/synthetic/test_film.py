@@ -96,7 +96,7 @@ def test_the_board_lies_in_the_empty_scene_and_the_object_does_not(monkeypatch):
 @pytest.mark.slow
 def test_a_glossy_table_mirrors_the_object_and_a_matt_one_does_not(monkeypatch):
     """What lies below the object in the picture gets its colours."""
-    monkeypatch.setattr(table_tops, "TEXELS", 64)
+    monkeypatch.setattr(table_tops, "TEXTURE_PX", 64)
     mesh = box_mesh()
     below = {}
     for top in ("glossy", "white"):
@@ -116,7 +116,7 @@ def test_a_glossy_table_mirrors_the_object_and_a_matt_one_does_not(monkeypatch):
 @pytest.mark.parametrize("name", [name for name in table_tops.TABLE_TOPS if name != "print"])
 def test_a_plain_top_shows_little_print(name):
     texture = table_tops.TABLE_TOPS[name].make_texture(np.random.default_rng(0))
-    assert texture.shape == (table_tops.TEXELS, table_tops.TEXELS, 3) and texture.dtype == np.uint8
+    assert texture.shape == (table_tops.TEXTURE_PX, table_tops.TEXTURE_PX, 3) and texture.dtype == np.uint8
     light = texture.mean(2)
     assert light.std() < 0.15 * light.mean() + 2
 

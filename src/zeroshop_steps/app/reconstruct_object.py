@@ -14,12 +14,12 @@ from zeroshop_steps.app.importing import brings_poses, find_source
 from zeroshop_steps.app.project_folders import provide_weights
 from zeroshop_steps.app.summary import describe_advice, describe_mesh, describe_unseen, describe_warnings, find_reason, name_photos
 from zeroshop_steps.app.workflow import count_more_frames, read_chosen_cell, run_workflow, settings_of_inputs
+from zeroshop_steps.geometry.meshes.triangle_meshes import OBJECT_SIZES_M
 from zeroshop_steps.methods import SURFACES
 from zeroshop_steps.plan.captures import JOINED_PHOTOS
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
-HEIGHT_M = (0.005, 3.0)
 MOST_PASSES = 3
 PICTURES = (8, 1000)
 METHODS = tuple(SURFACES)
@@ -68,8 +68,10 @@ class Request:
             raise StepError(f"{len(self.sources)} captures are given; expected up to {MOST_PASSES} different ones of one object")
         if self.masks and len(self.sources) > 1:
             raise StepError("--masks goes with one capture only; leave it out, masks of several passes are found")
-        if self.height_m is not None and not HEIGHT_M[0] <= self.height_m <= HEIGHT_M[1]:
-            raise StepError(f"--height is {self.height_m:g}; it is in metres, {HEIGHT_M[0]:g} to {HEIGHT_M[1]:g}: write 0.19 for 19 cm")
+        if self.height_m is not None and not OBJECT_SIZES_M[0] <= self.height_m <= OBJECT_SIZES_M[1]:
+            raise StepError(
+                f"--height is {self.height_m:g}; it is in metres, {OBJECT_SIZES_M[0]:g} to {OBJECT_SIZES_M[1]:g}: write 0.19 for 19 cm"
+            )
         if self.count is not None and not PICTURES[0] <= self.count <= PICTURES[1]:
             raise StepError(f"--count is {self.count}; expected {PICTURES[0]} to {PICTURES[1]} frames or photos")
         if self.cores < 1:

@@ -9,13 +9,11 @@ import shutil
 import sys
 from pathlib import Path
 
-import numpy as np
 import pycolmap
 
 from zeroshop_steps.assets.object_frame import read_object_from_registration
 from zeroshop_steps.geometry.cameras.registered_views import read_views
 from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction, write_reconstruction
-from zeroshop_steps.geometry.cameras.transforms import compute_scale
 from zeroshop_steps.geometry.meshes.metric_mesh import add_mesh_arguments
 from zeroshop_steps.runtime.files import atomic_directory
 
@@ -32,7 +30,7 @@ def run(args: argparse.Namespace) -> None:
     similarity = read_object_from_registration(args.mesh, args.unknown_scale)
     views, _ = read_views(args.cameras)
     model = read_reconstruction(args.cameras / "sparse")
-    model.transform(as_sim3d(similarity))
+    model.transform(pycolmap.Sim3d(similarity[:3]))
     with atomic_directory(args.out) as folder:
         for name in ("images", "masks"):
             (folder / name).mkdir()
@@ -42,9 +40,3 @@ def run(args: argparse.Namespace) -> None:
                 shutil.copyfile(view.mask_path, folder / "masks" / f"{view.camera.name}.png")
         write_reconstruction(model, folder / "sparse" / "0")
     print(f"colmap: {len(views)} photos in {args.out}", file=sys.stderr)
-
-
-def as_sim3d(similarity: np.ndarray) -> pycolmap.Sim3d:
-    """A (4, 4) similarity as COLMAP has it."""
-    scale = compute_scale(similarity)
-    return pycolmap.Sim3d(scale, pycolmap.Rotation3d(similarity[:3, :3] / scale), similarity[:3, 3])

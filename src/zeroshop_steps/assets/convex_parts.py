@@ -5,6 +5,8 @@ from types import ModuleType
 
 import numpy as np
 
+from zeroshop_steps.geometry.meshes.mesh_repair import find_triangles
+from zeroshop_steps.geometry.meshes.surface_fields import weld
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.open3d_loader import o3d
@@ -54,13 +56,12 @@ def split_convex(mesh: Mesh, threshold: float, most_parts: int, seed: int, load:
 
 def _simplify(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     """(V, 3) vertices and (F, 3) faces of a simpler mesh; texture seams are joined."""
-    places, index = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    faces = index.reshape(-1)[mesh.faces]
-    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
+    joined = weld(mesh)[0]
+    places, faces = joined.vertices, joined.faces[find_triangles(joined.faces)]
     if len(faces) <= DECOMPOSED_FACES:
         return places, faces
-    joined = o3d.t.geometry.TriangleMesh(o3d.core.Tensor(places.astype(np.float32)), o3d.core.Tensor(faces.astype(np.int32)))
-    simple = joined.simplify_quadric_decimation(1 - DECOMPOSED_FACES / len(faces))
+    whole = o3d.t.geometry.TriangleMesh(o3d.core.Tensor(places.astype(np.float32)), o3d.core.Tensor(faces.astype(np.int32)))
+    simple = whole.simplify_quadric_decimation(1 - DECOMPOSED_FACES / len(faces))
     return simple.vertex.positions.numpy().astype(float), simple.triangle.indices.numpy().astype(int)
 
 

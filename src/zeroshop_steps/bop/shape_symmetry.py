@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.alignment.surface_points import sample_surface_points
+from zeroshop_steps.geometry.cameras.pinhole import make_transform
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 
 MOVED_DIAMETERS = 0.02  # how far from the surface a transform may move all but a hundredth of its points
@@ -18,7 +19,7 @@ FEW_SAMPLES, SAMPLES, DENSE_SAMPLES = 200, 1500, 40_000  # of the surface: point
 ODD_TURNS = np.pi * np.array([0.11, 0.29, 0.47, 0.71, 0.93])  # a surface that these keep is one of revolution
 WORSE = 2.0  # times as far as the best number of folds: a hexagon is nearly kept by a seventh of a turn, too
 MOST_FOLDS = 12  # of a discrete rotation; finer ones are taken for a surface of revolution
-MOST_TRANSFORMS = 60  # rotations of an icosahedron; more are an error of the tolerance
+MOST_TRANSFORMS = len(Rotation.create_group("I"))  # rotations of an icosahedron; more are an error of the tolerance
 SAME_TURN_DEG = 5.0
 LEAST_APART = 0.05  # of the spreads along principal axes, as a share; with equal ones, as of a prism, their directions are chance
 
@@ -72,10 +73,7 @@ class _Shape:
 
     def about_centre(self, turn: Rotation) -> np.ndarray:
         """(4, 4) the rotation about the centroid, mm."""
-        transform = np.eye(4)
-        transform[:3, :3] = turn.as_matrix()
-        transform[:3, 3] = self.centre - transform[:3, :3] @ self.centre
-        return transform
+        return make_transform(turn.as_matrix(), self.centre - turn.apply(self.centre))
 
 
 def _candidate_axes(mesh: Mesh) -> list[np.ndarray]:

@@ -13,7 +13,7 @@ import trimesh
 
 from zeroshop_steps.bop.formats.models import ObjectModel, list_objects, read_models
 from zeroshop_steps.geometry.cameras.pinhole import Camera
-from zeroshop_steps.geometry.cameras.viewpoints import look_at, make_intrinsics
+from zeroshop_steps.geometry.cameras.viewpoints import DISTANCE_RADII, FILLED, look_at, make_intrinsics
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
@@ -22,8 +22,6 @@ from zeroshop_steps.runtime.progress import track
 
 CACHED = Cached(inputs=("models",))
 SUBDIVISIONS = {42: 1, 642: 3}  # of an icosahedron, by the number of views at its corners
-DISTANCE_DIAMETERS = 3.0  # of the camera, in diameters of the bounding sphere; far enough that perspective is weak
-FILLED = 0.95  # of the side of the view, by the model's bounding sphere
 TURN_RAD, TURN_AXIS = 0.1, (1.0, 0.3, 0.2)  # of all directions together, so that no camera looks straight down, where up is undefined
 
 
@@ -75,7 +73,7 @@ def render_templates(model: ObjectModel, views: int, side_px: int) -> Templates:
     vertices = model.mesh.vertices
     middle = (vertices.min(0) + vertices.max(0)) / 2
     radius_mm = float(np.linalg.norm(vertices - middle, axis=1).max())
-    distance_mm = DISTANCE_DIAMETERS * 2 * radius_mm
+    distance_mm = DISTANCE_RADII * radius_mm
     focal_px = FILLED * side_px / 2 * np.sqrt(distance_mm**2 - radius_mm**2) / radius_mm
     intrinsics = make_intrinsics(focal_px, side_px, side_px)
     renderer = MeshRenderer(model.mesh)

@@ -1,31 +1,34 @@
 """Evaluate a finished mesh: what of it was measured, its grade, a preview, and its errors where the truth is known.
 
-Each is a module of its own: surface_support.py, quality.py, grade.py and finish/preview.py. A mesh that was generated without cameras was
+Each is a module of its own: quality.py, grade.py and finish/preview.py. A mesh that was generated without cameras was
 never seen, and its grade is none.
 """
 
 import argparse
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from zeroshop_steps.evaluate.grade import add_limits, judge_mesh, make_ungraded_record, read_limits, write_grade
 from zeroshop_steps.evaluate.quality import GroundTruth, make_quality_record, write_quality
-from zeroshop_steps.evaluate.surface_support import classify_finished_mesh
 from zeroshop_steps.finish.preview import draw_around, draw_preview
 from zeroshop_steps.geometry.cameras.registered_views import View, choose_standing, read_views
-from zeroshop_steps.geometry.cameras.transforms import transform_camera
+from zeroshop_steps.geometry.cameras.transforms import transform_camera, transform_points
 from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.observation.support_classes import MEASURED, UNSEEN, compute_area_shares
+from zeroshop_steps.geometry.observation.vertex_support import classify_surface_support
 from zeroshop_steps.runtime.compute.kernel_devices import DEVICES, choose_kernel_device
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import part_of_step
 from zeroshop_steps.runtime.files import Record, atomic_write, read_json
+from zeroshop_steps.surface.mvs.seeds import read_confirmed_points
 
 EVIDENCE, QUALITY, PREVIEW = "evidence.npz", "quality.json", "mesh_preview.png"
 """What is written beside grade.json."""
@@ -105,3 +108,36 @@ def _measure_against_truth(args: argparse.Namespace, mesh: Mesh, metadata: Recor
         file=sys.stderr,
     )
     return figures
+
+
+def classify_finished_mesh(
+    mesh: Mesh, metadata: dict[str, Any], views: Sequence[View], stereo: Path | None, device: str = "cpu"
+) -> np.ndarray:
+    """(V,) uint8 class of each vertex.
+
+    Args:
+        mesh: in the object frame.
+        metadata: content of mesh.json.
+        views: the registered photos, in their own frame.
+        stereo: seeds.npz with the depths that stereo confirmed, if there are any.
+        device: where the mesh is rasterized.
+
+    Raises:
+        StepError: `stereo` is missing, damaged or of other cameras.
+    """
+    confirmed = read_confirmed_points(stereo, views) if stereo else np.zeros((0, 3))
+    registration_from_object = np.linalg.inv(np.array(metadata["frame_facts"]["object_from_registration"]))
+    registered = Mesh(transform_points(mesh.vertices, registration_from_object), mesh.faces)
+    return drop_generated(classify_surface_support(registered, views, confirmed, device), mesh, metadata)
+
+
+def drop_generated(evidence: np.ndarray, mesh: Mesh, metadata: dict[str, Any]) -> np.ndarray:
+    """(V,) the classes, with vertices that only generated faces have, which are the mesh's last ones, as never seen.
+
+    What a generated mesh proposed is never seen, whatever photos show.
+    """
+    if (metadata.get("closing") or {}).get("method") != "generated":
+        return evidence
+    kept = np.zeros(len(mesh.vertices), bool)
+    kept[mesh.faces[: metadata["underside"]["first_face"]]] = True
+    return np.where(kept, evidence, UNSEEN).astype(np.uint8)

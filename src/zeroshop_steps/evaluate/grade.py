@@ -24,6 +24,7 @@ from zeroshop_steps.evaluate.surface_measures import (
     measure_roughness_deg,
 )
 from zeroshop_steps.finish.closing.underside import drop_underside
+from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_VIEWS
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.observation.support_classes import compute_area_shares
@@ -31,7 +32,6 @@ from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.runtime.tables import write_table
 
 NOT_GRADED = "not graded: the mesh was generated without cameras, so nothing was measured"
-SEEN_FROM_BELOW = 2  # cameras below the support; with so many the underside was seen, and open borders there count
 
 
 def add_limits(parser: argparse.ArgumentParser) -> None:
@@ -91,7 +91,7 @@ def measure_mesh(mesh: Mesh, views: list[View], photos: int, support_z: float) -
     values = agreement | {
         "registered_share": len(views) / photos,
         "largest_part_share": measure_largest_part_share(mesh),
-        "open_boundary_diameters": measure_open_boundary(mesh, cameras, None if below >= SEEN_FROM_BELOW else support_z),
+        "open_boundary_diameters": measure_open_boundary(mesh, cameras, None if below >= AGREEING_VIEWS else support_z),
         "roughness_deg": measure_roughness_deg(mesh),
     }
     return {name: round(float(value), 5) for name, value in values.items()}

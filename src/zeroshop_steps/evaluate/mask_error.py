@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from zeroshop_steps.bop.pictures import MASK_TINT
 from zeroshop_steps.geometry.imaging.contact_sheets import COLUMNS, GREEN, RED, TILE_WIDTH_PX, arrange_in_rows, write_label
 from zeroshop_steps.geometry.imaging.images import read_image, read_mask, write_image
 from zeroshop_steps.register.scene.record import find_lens, read_registration
@@ -18,8 +19,6 @@ from zeroshop_steps.register.scene.undistortion import undistort_by_lens
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import write_table
 from zeroshop_steps.synthetic.film_truth import read_source_frames
-
-TINT = 0.6  # of what is wrong: its colour shows, and the photo below it, too
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -94,7 +93,7 @@ def draw_mask_errors(frames: list[FrameMasks], images: list[np.ndarray]) -> np.n
         middle = np.array([(columns.min() + columns.max()) / 2, (rows.min() + rows.max()) / 2])
         shown = image.copy()
         for part, color in ((found & ~frame.true, RED), (frame.true & ~found, GREEN)):
-            shown[part] = ((1 - TINT) * shown[part] + TINT * np.array(color)).astype(np.uint8)
+            shown[part] = ((1 - MASK_TINT) * shown[part] + MASK_TINT * np.array(color)).astype(np.uint8)
         scale = TILE_WIDTH_PX / (2 * half)
         warp = np.array([[scale, 0, TILE_WIDTH_PX / 2 - scale * middle[0]], [0, scale, TILE_WIDTH_PX / 2 - scale * middle[1]]])
         tile = cv2.warpAffine(shown, warp, (TILE_WIDTH_PX, TILE_WIDTH_PX), flags=cv2.INTER_LINEAR)

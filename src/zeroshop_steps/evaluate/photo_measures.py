@@ -21,19 +21,16 @@ from zeroshop_steps.geometry.alignment.surface_distance import sample_surface
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.cameras.transforms import shrink_camera
 from zeroshop_steps.geometry.meshes.surface_fields import build_neighbour_matrix, smooth, weld
-from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, diameter_of
-from zeroshop_steps.geometry.observation.visibility import VISIBLE_SHARE, compute_view_maps, find_visible, sample_image
+from zeroshop_steps.geometry.meshes.triangle_meshes import SAME_SIDE_COSINE, Mesh, diameter_of
+from zeroshop_steps.geometry.observation.visibility import SHOWING_COSINE, VISIBLE_SHARE, compute_view_maps, find_visible, sample_image
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer, RayHits
+from zeroshop_steps.register.scene.image_set import MIN_IMAGES, REFERENCE_PX
 from zeroshop_steps.runtime.errors import StepError
 
-LONGEST_PX = 1000  # longer side of the photos; in larger ones print is so fine that tiny errors of cameras would count
 SAMPLES = 6000  # points of the surface; the shares are then known to about one per cent
-MIN_COSINE = 0.3  # between normal and direction to the camera (73 degrees); flatter views show too little of the point
 MIN_TRUST = 0.1  # of 1 (geometry/observation/visibility.py); closer to an edge a pixel may show something else
-LEAST_VIEWS = 3  # photos that must see a point for it to count; two can agree by chance
 OFFSETS_DIAMETERS = np.r_[-0.30:-0.019:0.02, 0.02:0.081:0.02]  # tried depths along the normal, outwards positive; hollows are deep
 AROUND = 32  # points of the surface that are judged together
-SAME_SIDE = 0.5  # cosine between the normals of such points: those of another side do not count
 MARGIN, SHIFT_PX = 0.015, 0.5  # of the colour, 0 to 1: another depth must be better by this, and by what such a shift changes
 
 
@@ -86,7 +83,7 @@ def measure_photo_agreement(mesh: Mesh, views: Sequence[View]) -> PhotoAgreement
     joined, _ = weld(mesh)
     # The normals are the directions in which other depths are tried.
     normals = smooth(joined.vertex_normals, build_neighbour_matrix(joined), 6)
-    points, faces = sample_surface(joined, SAMPLES, np.random.default_rng(0))
+    points, faces, _ = sample_surface(joined, SAMPLES, np.random.default_rng(0))
     normals = normals[joined.faces[faces]].sum(1)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     diameter = diameter_of(joined)
@@ -97,7 +94,7 @@ def measure_photo_agreement(mesh: Mesh, views: Sequence[View]) -> PhotoAgreement
     spread = np.stack([_measure_spread(shown, weight) for shown in colors])
     spread[1:][~(look.on_object[1:] | (weight == 0)).all(2)] = np.inf
     slope = (look.slope * weight).sum(1) / np.maximum(weight.sum(1), 1e-12)
-    judged = (weight > 0).sum(1) >= LEAST_VIEWS
+    judged = (weight > 0).sum(1) >= MIN_IMAGES
     return PhotoAgreement(
         silhouette_agreement=float(np.mean(look.iou)),
         back_share=look.back_px / max(look.mesh_px, 1),
@@ -147,7 +144,7 @@ def _sample_photos(mesh: Mesh, places: np.ndarray, normals: np.ndarray, views: S
         cosine = np.einsum("ij,ij->i", normals, towards) / np.linalg.norm(towards, axis=1)
         seen = (
             find_visible(pixels, depth, hits.depth, VISIBLE_SHARE * diameter)
-            & (cosine > MIN_COSINE)
+            & (cosine > SHOWING_COSINE)
             & (sample_image(maps.trust, pixels) > MIN_TRUST)
         )
         weight[:, k] = np.where(seen, cosine, 0.0)
@@ -196,7 +193,7 @@ def _measure_displaced_share(points: np.ndarray, normals: np.ndarray, spread: np
         return 1.0
     _, near = cKDTree(points).query(points, min(AROUND, len(points)))
     near = near.reshape(len(points), -1)
-    same = np.einsum("nd,nkd->nk", normals, normals[near]) > SAME_SIDE
+    same = np.einsum("nd,nkd->nk", normals, normals[near]) > SAME_SIDE_COSINE
     count = same.sum(1)
     best = np.full(len(points), -np.inf)
     for place in spread[1:]:
@@ -216,6 +213,6 @@ def _measure_left_out_error(colors: np.ndarray, weight: np.ndarray, judged: np.n
 
 
 def _shrink(view: View) -> View:
-    if max(view.camera.width_px, view.camera.height_px) <= LONGEST_PX:
+    if max(view.camera.width_px, view.camera.height_px) <= REFERENCE_PX:
         return view
-    return ShrunkView(shrink_camera(view.camera, LONGEST_PX), view.image_path, view.mask_path, view)
+    return ShrunkView(shrink_camera(view.camera, REFERENCE_PX), view.image_path, view.mask_path, view)

@@ -7,7 +7,9 @@ from scipy.sparse import coo_matrix
 from scipy.spatial import cKDTree
 
 from zeroshop_steps.finish.clean import label_parts
-from zeroshop_steps.geometry.alignment.surface_distance import SEEN_BY, count_seeing_views, sample_surface
+from zeroshop_steps.finish.closing.underside import NEAR_DIAGONALS
+from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_VIEWS
+from zeroshop_steps.geometry.alignment.surface_distance import SHARE_SAMPLES, count_seeing_views, sample_surface
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.meshes.surface_fields import weld
@@ -15,9 +17,7 @@ from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, diameter_of, nu
 from zeroshop_steps.geometry.observation.support_classes import ASSUMED, MEASURED
 from zeroshop_steps.geometry.observation.visual_hull import measure_hull_depth
 
-UNDERSIDE_DIAMETERS = 0.05  # a border this close to the support is the rim of the underside, which no photo shows
 ROUGHNESS_DIAMETERS = 0.02  # radius of the neighbourhood within which normals are compared; 4 mm on an object of 20 cm
-SAMPLES = 20_000  # points of the surface; the neighbourhood of one then holds about 25 on a compact object
 GUESSED_DIAMETERS = 0.03  # deeper below the outlines; between two cameras, the hull of a right surface bulges by 0.02
 LEAST_NEIGHBOURS = 4  # points with fewer do not count: a mean of so few normals is mostly chance
 INWARDS = 0.1  # share of the way from a border to the middle of its face at which rays are aimed; at the border itself they may miss it
@@ -46,9 +46,9 @@ def measure_open_boundary(mesh: Mesh, cameras: Sequence[Camera], support_z: floa
     ends, faces = joined.vertices[edges[first[count == 1]]], first[count == 1] // 3
     diameter = diameter_of(joined)
     points = (1 - INWARDS) * ends.mean(1) + INWARDS * joined.vertices[joined.faces[faces]].mean(1)
-    counts = count_seeing_views(points, joined.face_normals()[faces], joined, list(cameras), support_z) >= SEEN_BY
+    counts = count_seeing_views(points, joined.face_normals()[faces], joined, list(cameras), support_z) >= AGREEING_VIEWS
     if support_z is not None:
-        counts &= points[:, 2] > support_z + UNDERSIDE_DIAMETERS * diameter
+        counts &= points[:, 2] > support_z + NEAR_DIAGONALS * diameter
     return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)[counts].sum() / diameter)
 
 
@@ -76,12 +76,12 @@ def measure_roughness_deg(mesh: Mesh) -> float:
 
     Edges and folds of the object itself are few, so they hardly change the median.
     """
-    points, faces = sample_surface(mesh, SAMPLES, np.random.default_rng(0))
+    points, faces, _ = sample_surface(mesh, SHARE_SAMPLES, np.random.default_rng(0))
     normals = mesh.face_normals()[faces]
     a, b = cKDTree(points).query_pairs(ROUGHNESS_DIAMETERS * diameter_of(mesh), output_type="ndarray").T
     same_side = np.einsum("ij,ij->i", normals[a], normals[b]) > 0.0
     a, b = a[same_side], b[same_side]
-    near = coo_matrix((np.ones(2 * len(a)), (np.r_[a, b], np.r_[b, a])), (SAMPLES, SAMPLES)).tocsr()
+    near = coo_matrix((np.ones(2 * len(a)), (np.r_[a, b], np.r_[b, a])), (SHARE_SAMPLES, SHARE_SAMPLES)).tocsr()
     mean = near @ normals + normals
     enough = np.asarray(near.sum(1)).ravel() >= LEAST_NEIGHBOURS
     cosine = np.einsum("ij,ij->i", normals, mean) / np.maximum(np.linalg.norm(mean, axis=1), 1e-30)

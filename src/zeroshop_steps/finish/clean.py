@@ -12,21 +12,21 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_VIEWS
 from zeroshop_steps.geometry.cameras.registered_views import View, find_possible
 from zeroshop_steps.geometry.cameras.transforms import shrink_camera
 from zeroshop_steps.geometry.meshes.mesh_repair import drop_repeated_faces, find_triangles
-from zeroshop_steps.geometry.meshes.smoothing import TAUBIN_LAMBDA, TAUBIN_MU
-from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.meshes.meshlab import from_meshlab, smooth_taubin, to_meshlab
+from zeroshop_steps.geometry.meshes.surface_fields import weld
+from zeroshop_steps.geometry.meshes.triangle_meshes import MIN_FACES, Mesh
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.errors import StepError
 
 if TYPE_CHECKING:
     import pymeshlab
 
-RENDER_PX = 320  # longer side of the renders that tell which parts are seen; smaller ones would miss thin parts
+RENDER_PX = 480  # longer side of the renders that tell what is seen; smaller ones would miss thin parts
 MASK_MARGIN_PX = 3.0  # a vertex this far outside a mask is outside: borders of masks are about this uncertain
-OUTSIDE_VIEWS = 2  # photos whose masks a vertex must lie outside of; one mask alone may be wrong
-MIN_FACES = 100  # fewer cannot describe an object
 DECIMATION_QUALITY = 0.3  # MeshLab's threshold against slivers, its default; given since it would else keep that of its last call
 BORDER_WEIGHT = 2.0  # edges of open borders count twice in the decimation, so that borders keep their shape
 
@@ -63,25 +63,20 @@ def clean_mesh(
         mesh: the cleaned mesh, oriented towards the cameras; without views, as it was.
         dropped: how many parts were removed, by reason.
     """
-    import pymeshlab
-
     mesh = _weld(raw)
     mesh = _trim_to_masks(mesh, views)
     mesh, dropped = drop_floaters(mesh, views, min_part)
-    worker = pymeshlab.MeshSet(verbose=False)
-    worker.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))
+    worker = to_meshlab(mesh)
     worker.meshing_repair_non_manifold_edges(method="Remove Faces")
     worker.meshing_repair_non_manifold_vertices(vertdispratio=0.0)
     if max_hole_edges > 0:
         worker.meshing_close_holes(maxholesize=max_hole_edges, selfintersection=False, newfaceselected=False)
     worker.set_selection_none()  # otherwise the filters below change only the selected faces
-    if smooth > 0:
-        worker.apply_coord_taubin_smoothing(lambda_=TAUBIN_LAMBDA, mu=TAUBIN_MU, stepsmoothnum=smooth)
+    smooth_taubin(worker, smooth)
     _decimate(worker, max_faces, closed=False)
     worker.meshing_remove_null_faces()
     worker.meshing_remove_unreferenced_vertices()
-    result = worker.current_mesh()
-    mesh = Mesh(np.array(result.vertex_matrix()), np.array(result.face_matrix(), np.int64))
+    mesh = from_meshlab(worker)
     if len(mesh.faces) == 0:
         raise StepError("nothing is left of the mesh after repair: it has no connected surface; add photos or check the masks")
     return _turn_towards_cameras(mesh, views), dropped
@@ -89,15 +84,10 @@ def clean_mesh(
 
 def simplify(mesh: Mesh, max_faces: int, smooth: int) -> Mesh:
     """A closed mesh smoothed by Taubin steps and decimated to at most `max_faces`; it stays closed."""
-    import pymeshlab
-
-    worker = pymeshlab.MeshSet(verbose=False)
-    worker.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))
-    if smooth > 0:
-        worker.apply_coord_taubin_smoothing(lambda_=TAUBIN_LAMBDA, mu=TAUBIN_MU, stepsmoothnum=smooth)
+    worker = to_meshlab(mesh)
+    smooth_taubin(worker, smooth)
     _decimate(worker, max_faces, closed=True)
-    result = worker.current_mesh()
-    return Mesh(np.array(result.vertex_matrix()), np.array(result.face_matrix(), np.int64))
+    return from_meshlab(worker)
 
 
 def _decimate(worker: "pymeshlab.MeshSet", max_faces: int, closed: bool) -> None:
@@ -129,7 +119,7 @@ def drop_floaters(mesh: Mesh, views: list[View], min_part: float) -> tuple[Mesh,
     drop = small | unseen
     drop[largest] = False
     dropped = {"small": int((small & drop).sum()), "unseen": int((unseen & ~small & drop).sum())}
-    return _keep_faces(mesh, mesh.faces[~drop[labels]]), dropped
+    return Mesh(mesh.vertices, mesh.faces[~drop[labels]]).without_loose_vertices(), dropped
 
 
 def label_parts(mesh: Mesh) -> np.ndarray:
@@ -141,12 +131,11 @@ def label_parts(mesh: Mesh) -> np.ndarray:
 
 
 def _weld(mesh: Mesh) -> Mesh:
-    vertices, index = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    faces = index.reshape(-1)[mesh.faces]
-    faces = drop_repeated_faces(faces[find_triangles(faces)])
+    joined, _ = weld(mesh)
+    faces = drop_repeated_faces(joined.faces[find_triangles(joined.faces)])
     if len(faces) == 0:
         raise StepError("the mesh has no face with an area; reconstruct again")
-    return Mesh(vertices, faces)
+    return Mesh(joined.vertices, faces)
 
 
 def _trim_to_masks(mesh: Mesh, views: list[View]) -> Mesh:
@@ -159,10 +148,10 @@ def _trim_to_masks(mesh: Mesh, views: list[View]) -> Mesh:
         distance = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
         rows, columns, _, inside_image = view.camera.find_pixels(mesh.vertices)
         outside[inside_image] += distance[rows[inside_image], columns[inside_image]] > MASK_MARGIN_PX
-    keep = (outside[mesh.faces] < OUTSIDE_VIEWS).all(1)
+    keep = (outside[mesh.faces] < AGREEING_VIEWS).all(1)
     if not keep.any():
         raise StepError("the mesh lies outside the masks: mesh and cameras do not belong together, or the masks show another object")
-    return _keep_faces(mesh, mesh.faces[keep])
+    return Mesh(mesh.vertices, mesh.faces[keep]).without_loose_vertices()
 
 
 def _find_seen_faces(mesh: Mesh, views: list[View]) -> np.ndarray:
@@ -174,16 +163,9 @@ def _find_seen_faces(mesh: Mesh, views: list[View]) -> np.ndarray:
 def _turn_towards_cameras(mesh: Mesh, views: list[View]) -> Mesh:
     """Flip all faces if the cameras mostly see the back of the surface."""
     renderer = MeshRenderer(mesh)
-    corners = mesh.vertices[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    balance = 0
+    normals, balance = mesh.face_normals(), 0
     for view in views:
         hits = renderer.cast_rays(shrink_camera(view.camera, RENDER_PX))
         face = hits.face[hits.mask]
-        balance += np.sign(np.einsum("ij,ij->i", normals[face], view.camera.centre_in_world - corners[face, 0])).sum()
+        balance += np.sign(np.einsum("ij,ij->i", normals[face], view.camera.centre_in_world - mesh.vertices[mesh.faces[face, 0]])).sum()
     return mesh if balance >= 0 else Mesh(mesh.vertices, mesh.faces[:, ::-1].copy())
-
-
-def _keep_faces(mesh: Mesh, faces: np.ndarray) -> Mesh:
-    used, index = np.unique(faces, return_inverse=True)
-    return Mesh(mesh.vertices[used], index.reshape(faces.shape))

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from zeroshop_steps.geometry.cameras.pinhole import make_transform
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
@@ -55,9 +56,7 @@ def compute_object_frame(mesh: Mesh, views: list[View], height: dict[str, Any]) 
     if height["up_source"] == "camera_roll":
         warnings.append("no ground was found, so z follows how the camera was held and may lean; print under the object helps")
     scale = height["metres_per_unit"] * 1000.0 if metric else 1.0
-    similarity = np.eye(4)
-    similarity[:3, :3] = scale * rotation
-    similarity[:3, 3] = -scale * middle
+    similarity = make_transform(scale * rotation, -scale * middle)
     residual = height["up_uncertainty"]["plane_residual"]
     return {
         "object_from_registration": similarity.tolist(),

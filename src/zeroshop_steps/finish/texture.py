@@ -19,12 +19,21 @@ from scipy.sparse import csr_matrix
 from zeroshop_steps.finish.export import make_metadata, move_to_object_frame, read_stages, summarize_product, write_product
 from zeroshop_steps.finish.texturing import exposure_gains
 from zeroshop_steps.finish.texturing.atlas import Texels, fill_gutters, rasterize_atlas
-from zeroshop_steps.finish.texturing.texel_colors import VotingView
-from zeroshop_steps.finish.texturing.texel_devices import make_texel_colors
+from zeroshop_steps.finish.texturing.exposure_gains import ROUNDS
+from zeroshop_steps.finish.texturing.texel_colors import VotingView, make_texel_colors
 from zeroshop_steps.finish.texturing.unwrap import check_texture_size, measure_atlas_use, unwrap_mesh
 from zeroshop_steps.geometry.cameras.registered_views import View, read_views
+from zeroshop_steps.geometry.imaging.images import BLUR_PX
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
-from zeroshop_steps.geometry.meshes.surface_fields import build_neighbour_matrix, fill_harmonically, smooth, smooth_normals, weld
+from zeroshop_steps.geometry.meshes.surface_fields import (
+    BROAD_SMOOTHING,
+    LIGHT_SMOOTHING,
+    build_neighbour_matrix,
+    fill_harmonically,
+    smooth,
+    smooth_normals,
+    weld,
+)
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.observation.visibility import VISIBLE_SHARE, ViewMaps, compute_view_maps, rate_vertex_views, sample_image
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
@@ -34,18 +43,13 @@ from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 # A step of smoothing averages over direct neighbours, so its reach grows with the edges of the mesh.
-NORMAL_SMOOTHING = 2  # steps; noisy normals would make the best photo change from face to face
 QUALITY_SMOOTHING = 6  # steps; regions that take their detail from one photo become larger
-LEVEL_SMOOTHING = 12  # steps; what is broader is the colour that all photos share, what is finer the detail of one
 SELECT_POWER = 12.0  # of the quality; at 12, a photo of 90 % of the best one's quality gets 28 % of its weight
 HIGHLIGHT = 0.06  # difference of colour (of 1) from the mean at which a photo's weight is half
 GLARE = 0.03  # of 1, by which a photo is brighter than the mean where it counts half as a source of detail
-HIGHLIGHT_ROUNDS = 4  # the mean and the weights are computed in turns
-COLOR_BLUR_PX = 1.5  # of the photos, before a vertex looks up its colour; print finer than the vertices would only be noise there
-LEAST_QUALITY = 0.05  # of the best view of all; less counts neither for exposure nor more for the level than this
+LEAST_QUALITY = 0.05  # of the best view: less counts neither for exposure nor for the level, and leaves a texel to any photo
 SEEN_QUALITY = 1e-3  # below, no photo shows a vertex and its colour is filled in
 CHOSEN_SHARE = 0.02  # of a texel's detail; photos with less are not looked up
-COVERED = 0.05  # weight below which a texel lacks the photos chosen for it, and takes any that see it
 FILL_WEIGHT = 1e-4  # of the broad colour: decides only where no photo does
 
 
@@ -116,7 +120,7 @@ def bake_texture(mesh: Mesh, views: list[View], size: int, generated: Mesh | Non
     extent = float(np.linalg.norm(np.ptp(joined.vertices, axis=0)))
     renderer = MeshRenderer(joined, choose_kernel_device(device))
     neighbours = build_neighbour_matrix(joined)
-    joined = Mesh(joined.vertices, joined.faces, smooth_normals(joined, neighbours, NORMAL_SMOOTHING))
+    joined = Mesh(joined.vertices, joined.faces, smooth_normals(joined, neighbours, LIGHT_SMOOTHING))
     images, maps = map(list, zip(*(_look_at_mesh(view, renderer, extent) for view in views), strict=True))
     texels = _rasterize(mesh, size)
 
@@ -130,7 +134,7 @@ def bake_texture(mesh: Mesh, views: list[View], size: int, generated: Mesh | Non
     corners = index.astype(np.int32)[mesh.faces][texels.face]
     texel_colors = make_texel_colors(device, corners, texels.barycentric, joined.vertices, VISIBLE_SHARE * extent)
     # The second round is for texels that the chosen photos miss.
-    for votes, least_votes, covered in ((choice, CHOSEN_SHARE, np.inf), (quality, 0.0, COVERED)):
+    for votes, least_votes, covered in ((choice, CHOSEN_SHARE, np.inf), (quality, 0.0, LEAST_QUALITY)):
         texel_colors.begin_round(least_votes, covered)
         for k, view in enumerate(maps):
             projection = view.camera.intrinsics @ view.camera.camera_from_world[:3]
@@ -203,7 +207,7 @@ def _average_colors(
         glare: (V, K) by how much photo k is brighter than the mean; not below 0.
     """
     weights = quality.copy()
-    for _ in range(HIGHLIGHT_ROUNDS):
+    for _ in range(ROUNDS):
         mean = np.einsum("vk,vkc->vc", weights, colors) / np.maximum(weights.sum(1), 1e-12)[:, None]
         distance = np.linalg.norm(colors - mean[:, None], axis=2)
         weights = quality / (1.0 + (distance / HIGHLIGHT) ** 2)
@@ -212,7 +216,7 @@ def _average_colors(
     broad = offset + fill_harmonically(mean - offset, quality.max(1) > SEEN_QUALITY, neighbours)
     corrections = np.empty_like(colors)
     for k in range(colors.shape[1]):
-        corrections[:, k] = smooth(mean - colors[:, k], neighbours, LEVEL_SMOOTHING, np.minimum(quality[:, k], LEAST_QUALITY))
+        corrections[:, k] = smooth(mean - colors[:, k], neighbours, BROAD_SMOOTHING, np.minimum(quality[:, k], LEAST_QUALITY))
     return broad, corrections, np.maximum((colors - mean[:, None]).mean(2), 0.0)
 
 
@@ -227,7 +231,7 @@ def find_nearest_colors(colored: Mesh, points: np.ndarray) -> np.ndarray:
 
 def _sample_vertex_colors(images: list[np.ndarray], mesh: Mesh, maps: list[ViewMaps]) -> np.ndarray:
     """(V, K, 3) float32 colours of the vertices in K photos, 0 to 1."""
-    blurred = (cv2.GaussianBlur(_to_float(image), (0, 0), COLOR_BLUR_PX) for image in images)
+    blurred = (cv2.GaussianBlur(_to_float(image), (0, 0), BLUR_PX) for image in images)
     return np.stack([sample_image(image, view.camera.project(mesh.vertices)[0]) for image, view in zip(blurred, maps, strict=True)], 1)
 
 

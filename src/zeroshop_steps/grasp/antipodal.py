@@ -28,10 +28,9 @@ from zeroshop_steps.grasp.surface import make_grasp_surface
 from zeroshop_steps.runtime.errors import StepError, warn
 
 OPENED_BESIDE_M = 0.015  # beyond the contact on each side, what the gripper is opened by before it comes, where it can
-LEAST_BESIDE_M = 0.004  # and at least: a pose is no better known
+LEAST_BESIDE_M = 0.004  # and at least; and by which contacts are shifted to see whether a grasp is robust: a pose is no better known
 SHALLOWEST_M = 0.005  # of a contact from the fingertips
 OBJECT_MARGIN_M, TABLE_MARGIN_M = 0.002, 0.004
-LEAST_SHIFT_M = 0.004  # by which contacts are shifted to see whether a grasp is robust; more where the height is uncertain
 MOST_PAIRS = 1200  # of contacts that the gripper is tried at, from all directions; the best ones
 LEAST_ROBUSTNESS = 0.5
 WALL_M, RIM_REACH_M = 0.005, 0.015  # of a wall whose inner side nobody saw: its thickness, a guess, and how far from the lid it is taken
@@ -123,7 +122,7 @@ def find_grasps(metric: MetricMesh, gripper: Gripper, options: GraspOptions, nam
         raise StepError(
             f"nothing of {name} was measured, and grasps are found on measured surface alone; take a surface method that measures (2dgs)"
         )
-    shift_m = max(LEAST_SHIFT_M, metric.relative_deviation * float(np.ptp(mesh.vertices, axis=0).max()))
+    shift_m = max(LEAST_BESIDE_M, metric.relative_deviation * float(np.ptp(mesh.vertices, axis=0).max()))
     pairs = find_contact_pairs(surface, options.samples, largest_width(gripper), options.friction, shift_m, rng)
     pairs = pairs.at(pairs.robustness >= LEAST_ROBUSTNESS)
     found = _grasps_at(pairs, centre, placements, surface.points, gripper, options.count)

@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.grasp.surface import GraspSurface
+from zeroshop_steps.grasp.surface import SAME_SIDE, GraspSurface
 
 TILTS = 4  # axes that are tried at each sample: along the normal, and tilted at random within the friction cone
 SHIFTS = 8  # directions in which a pair is shifted to see whether it is robust
 START_M = 0.012  # in front of a contact, where a finger comes from; what lies nearer to the object stops it
-OUTWARD = 0.3  # least cosine between the normal of a wall's outer side and the direction from the lid to it
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,7 @@ def find_rim_pairs(surface: GraspSurface, wall_m: float, reach_m: float, samples
     distance, nearest = cKDTree(lid).query(surface.points[measured], distance_upper_bound=reach_m)
     near = np.isfinite(distance)
     measured, outward = measured[near], surface.points[measured[near]] - lid[nearest[near]]
-    outer = np.einsum("nd,nd->n", outward, surface.normals[measured]) >= OUTWARD * np.linalg.norm(outward, axis=1)
+    outer = np.einsum("nd,nd->n", outward, surface.normals[measured]) >= SAME_SIDE * np.linalg.norm(outward, axis=1)
     chosen = rng.permutation(measured[outer])[:samples]
     first, axis = surface.points[chosen], -surface.normals[chosen]
     return ContactPairs(first, first + wall_m * axis, axis, np.ones(len(chosen)), np.ones(len(chosen)))

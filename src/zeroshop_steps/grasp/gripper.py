@@ -46,13 +46,6 @@ class Gripper:
         """z of the tool centre point, the middle between the pads, in the gripper frame."""
         return self.tip_m - self.pad_length_m / 2
 
-    @property
-    def gripper_from_tcp(self) -> np.ndarray:
-        """(4, 4) rigid, metres: the frame of the same axes at the tool centre point."""
-        transform = np.eye(4)
-        transform[2, 3] = self.tcp_m
-        return transform
-
     def boxes(self, openings_m: np.ndarray, behind_m: float = 0.0) -> np.ndarray:
         """(N, 3, 2, 3) lowest and highest corners, in the gripper frame, of both fingers and the palm.
 

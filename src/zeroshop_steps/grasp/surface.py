@@ -13,7 +13,7 @@ from zeroshop_steps.runtime.open3d_loader import ray_caster
 SPACING_M = 0.0025  # between neighbouring points, about: a fifth of a finger's thickness
 FEWEST_POINTS, MOST_POINTS = 4000, 30000
 SMOOTHING_M = 0.004  # radius within which normals are averaged: a finger's rubber yields to finer relief
-SAME_SIDE = 0.3  # least cosine between normals of one side; the other side of a thin wall is left out
+SAME_SIDE = 0.3  # least cosine between normals of one side of a wall, or between them and a direction away from the other one
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class GraspSurface:
 def make_grasp_surface(mesh: Mesh, rng: np.random.Generator) -> GraspSurface:
     """Sample and index a mesh in metres."""
     count = int(np.clip(mesh.face_areas().sum() / SPACING_M**2 * 2, FEWEST_POINTS, MOST_POINTS))
-    points, faces = sample_surface(mesh, count, rng)
+    points, faces, _ = sample_surface(mesh, count, rng)
     raw = mesh.face_normals()[faces]
     tree = cKDTree(points)
     pairs = tree.query_pairs(SMOOTHING_M, output_type="ndarray")

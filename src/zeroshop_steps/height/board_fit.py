@@ -12,17 +12,16 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from zeroshop_steps.geometry.alignment.robust_estimates import robust_deviation
 from zeroshop_steps.geometry.boards.printed_board import Board, TagBoard
-from zeroshop_steps.geometry.cameras.pinhole import fit_similarity
-from zeroshop_steps.geometry.support.ground_plane import DEVIATION_OF_MEDIAN
+from zeroshop_steps.geometry.cameras.pinhole import LEAST_PAIRS, fit_similarity_robustly
 from zeroshop_steps.height.board_view import BoardView
 from zeroshop_steps.runtime.errors import StepError
 
 LARGEST_PX = 4.0  # median residual from which on board and cameras contradict each other
 LARGEST_STRETCH = 0.02  # of height to width of the print; more was fitted to another page size
 LEAST_ANGLE_DEG = 1.0  # between the rays to a corner; its depth is too uncertain below
-OUTLIER_MEDIANS = 3.0  # a triangulated corner this many median errors away is left out of the first fit
-LEAST_CORNERS = 4  # triangulated ones, for a fit of seven parameters
+LEAST_CORNERS = LEAST_PAIRS + 1  # triangulated ones, that define the fit and check it
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ def fit_board(board: Board | TagBoard, views: Sequence[BoardView]) -> BoardFit:
     known = np.isfinite(triangulated).all(1)
     if known.sum() < LEAST_CORNERS:
         raise StepError("the photos that show the board were taken from nearly one place; move the camera around it between them")
-    start = _fit_robust_similarity(corners[known], triangulated[known])
+    start, _ = fit_similarity_robustly(corners[known], triangulated[known])
     linear = start[:3, :3]
     size = np.cbrt(np.linalg.det(linear))
     seed = np.r_[np.log(size), Rotation.from_matrix(linear / size).as_rotvec(), start[:3, 3], 0.0]
@@ -97,19 +96,6 @@ def triangulate_corners(views: Sequence[BoardView], count: int) -> np.ndarray:
     return points
 
 
-def _fit_robust_similarity(source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Fit by least squares, repeatedly without the corners whose error is far above the median, until these stay the same."""
-    kept = np.ones(len(source), bool)
-    for _ in range(10):
-        similarity = fit_similarity(source[kept], target[kept])
-        errors = np.linalg.norm(source @ similarity[:3, :3].T + similarity[:3, 3] - target, axis=1)
-        closer = errors <= OUTLIER_MEDIANS * np.median(errors) + 1e-12
-        if closer.sum() < LEAST_CORNERS or (closer == kept).all():
-            break
-        kept = closer
-    return similarity
-
-
 def _refine(start: np.ndarray, corners: np.ndarray, views: Sequence[BoardView], stretched: bool) -> np.ndarray:
     """The parameters (log scale, rotation vector, shift, log stretch) with the least reprojection errors."""
     free = 8 if stretched else 7
@@ -139,7 +125,7 @@ def _estimate_deviation(parameters: np.ndarray, corners: np.ndarray, views: Sequ
     first, second = np.triu_indices(len(known), 1)
     ratios = np.linalg.norm(triangulated[known[first]] - triangulated[known[second]], axis=1)
     ratios /= np.linalg.norm(corners[known[first]] - corners[known[second]], axis=1)
-    spread = DEVIATION_OF_MEDIAN * np.median(np.abs(ratios / np.median(ratios) - 1.0)) / np.sqrt(len(known))
+    spread = robust_deviation(ratios / np.median(ratios) - 1.0) / np.sqrt(len(known))
     if len(views) < 3:
         return float(spread)
     without = [_refine(parameters, corners, [*views[:k], *views[k + 1 :]], stretched=False)[0] for k in range(len(views))]

@@ -14,12 +14,12 @@ from zeroshop_steps.capture.cameras_json import FILE
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
+from zeroshop_steps.register.photometry.view_similarity import RIM_PX
 from zeroshop_steps.register.scene.depth_folder import OFF_DIAGONALS, DepthFolder
 from zeroshop_steps.register.scene.image_set import MIN_IMAGES
 from zeroshop_steps.runtime.errors import StepError
 
 LEAST_PIXELS = 100  # on the object, in an image
-RIM_PX = 3  # at the silhouette, where depth cameras mix object and background
 
 METHOD = {"rank": 2, "columns": ("depth",), "required": ("depth",), "original_photos": True}
 

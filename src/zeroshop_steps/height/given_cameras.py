@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.capture.cameras_json import FILE, read_given_cameras
-from zeroshop_steps.geometry.cameras.pinhole import find_centre, fit_similarity_robustly
+from zeroshop_steps.geometry.cameras.pinhole import LEAST_PAIRS, find_centre, fit_similarity_robustly
 from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_points
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.runtime.errors import StepError
 
-LEAST_CAMERAS = 4  # three define a similarity, and one checks it
+LEAST_CAMERAS = LEAST_PAIRS + 1  # those that define a similarity, and one that checks it
 MOST_OFF = 0.1  # median error, as a share of the cameras' spread, from which on the cameras are other ones
 
 METHOD = {"rank": 3, "given_cameras": True}

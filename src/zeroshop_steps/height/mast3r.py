@@ -13,6 +13,7 @@ import numpy as np
 import pycolmap
 import torch
 
+from zeroshop_steps.geometry.alignment.robust_estimates import MEDIAN_POINTS
 from zeroshop_steps.geometry.cameras.registered_views import View, space_evenly
 from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction
 from zeroshop_steps.geometry.imaging.images import list_images
@@ -23,12 +24,11 @@ from zeroshop_steps.networks.mast3r.global_alignment import Alignment, align_ima
 from zeroshop_steps.networks.mast3r.inference import NAME, Mast3rPredictor, PairPredictor
 from zeroshop_steps.networks.mast3r.model import SIZES, load_mast3r
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, resolve_weights
+from zeroshop_steps.register.mast3r import Mast3rOptions
 from zeroshop_steps.runtime.errors import StepError
 
 OBJECT_VIEWS, SCENE_VIEWS = 2, 4  # as in the thesis
 APART_DEG = 36.0  # angle between the photos of the object: neighbours in the thesis's rings of ten
-MIN_CONFIDENCE = 1.0  # of the features of a match, as for registration
-LEAST_POINTS = 50  # of the registration, for the median ratio of depths
 NETWORK_DEVIATION = 0.08
 """Relative standard deviation of the network's sizes: the root mean square error of published heights (thesis, Tables 4.3 and 4.4)."""
 
@@ -86,16 +86,16 @@ def measure_scale(
     chosen = choose_object_views(registered.views, OBJECT_VIEWS if scene_photos else OBJECT_VIEWS + SCENE_VIEWS)
     prepared = predictor([view.image_path for view in chosen] + list(scene_photos))
     torch.manual_seed(0)
-    alignment = align_images(prepared, MIN_CONFIDENCE)
+    alignment = align_images(prepared, Mast3rOptions().min_confidence)
     model = read_reconstruction(registered.cameras / "sparse")
     ratios = [
         compute_depth_ratios(model, view, prepared.framings[number], alignment.depth_m[number], alignment.confidence[number])
         for number, view in enumerate(chosen)
     ]
     points = sum(map(len, ratios))
-    if points < LEAST_POINTS:
+    if points < MEDIAN_POINTS:
         raise StepError(
-            f"the registration has {points} points in the photos that the network looked at, {LEAST_POINTS} are needed to compare sizes;"
+            f"the registration has {points} points in the photos that the network looked at, {MEDIAN_POINTS} are needed to compare sizes;"
             " give the height as height_m, or measure it with a printed board"
         )
     medians = np.array([np.median(np.log(ratio)) for ratio in ratios if len(ratio)])

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps.capture.known_height import read_known_height_m
+from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_DEVIATIONS
 from zeroshop_steps.geometry.cameras.registered_views import View, read_views
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
@@ -25,8 +26,7 @@ UNKNOWN = (
 )
 RULER_M = 0.0005  # standard deviation of a height that is read off a ruler
 CONTRADICTION = 0.03
-"""Share by which a known height must differ from the measured one to contradict it, and by DEVIATIONS as well."""
-DEVIATIONS = 3.0  # standard deviations of that difference; normal noise is beyond them in 0.3 % of cases
+"""Share by which a known height must differ from the measured one to contradict it, and by AGREEING_DEVIATIONS as well."""
 BULGE = 0.02  # of the height: from here on a warning says that assumed surface lies above the top
 BULGES = (
     "the mesh reaches {:.0%} of the object's height above the surface that was measured, like a lid over a plain hollow; that part does"
@@ -130,7 +130,7 @@ def check_against_known_height(scale: Scale, registered: RegisteredObject, else_
     measured_m = registered.pose.extent * scale.metres_per_unit
     deviation = np.linalg.norm([scale.deviation, registered.pose.deviation / registered.pose.extent, RULER_M / registered.known_height_m])
     difference = measured_m / registered.known_height_m - 1.0
-    if abs(difference) > max(CONTRADICTION, DEVIATIONS * float(deviation)):
+    if abs(difference) > max(CONTRADICTION, AGREEING_DEVIATIONS * float(deviation)):
         raise StepError(
             f"by {scale.source} the object is {measured_m:.4f} m high, by its known height {registered.known_height_m:.4f} m: {else_wrong},"
             " or height_m is wrong"

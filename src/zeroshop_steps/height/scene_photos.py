@@ -13,6 +13,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.capture.photo_files import find_format_problems
+from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_VIEWS
 from zeroshop_steps.geometry.cameras.pinhole import Camera, to_matrix, to_rigid
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.imaging.images import list_images, read_image
@@ -22,7 +23,6 @@ from zeroshop_steps.register.matching.verified_matches import match_features
 from zeroshop_steps.register.scene.database import create_database
 from zeroshop_steps.runtime.errors import StepError
 
-LEAST_PLACED = 2  # photos; the board's corners are triangulated from at least two
 OBJECT, SCENE = "object", "scene"
 
 
@@ -80,11 +80,11 @@ def localize_photos(folder: Path, views: list[View], options: SiftOptions) -> li
         for image in sorted(model.images.values(), key=lambda image: image.name)
         if image.has_pose and image.name in placed_as
     ]
-    if len(placed) < LEAST_PLACED:
+    if len(placed) < AGREEING_VIEWS:
         raise StepError(
-            f"{len(placed)} of {len(photos)} photos in {folder} could be placed among the object's photos, {LEAST_PLACED} are needed: they "
-            "must show the same ground, with texture, around the place where the object stands, and nothing there may have moved. On a "
-            "plain table, lay the board beside the object instead"
+            f"{len(placed)} of {len(photos)} photos in {folder} could be placed among the object's photos, {AGREEING_VIEWS} are needed: "
+            "they must show the same ground, with texture, around the place where the object stands, and nothing there may have moved. On "
+            "a plain table, lay the board beside the object instead"
         )
     return placed
 
@@ -123,7 +123,7 @@ def _map_jointly(database: Path, images: Path, objects: dict[str, Camera], scrat
             model.add_camera_with_trivial_rig(cameras[image.camera_id])
             pose = to_rigid(objects[image.name].camera_from_world)
             model.add_image_with_trivial_frame(pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id), pose)
-    mapper = make_mapping_options(LEAST_PLACED, options.seed)
+    mapper = make_mapping_options(AGREEING_VIEWS, options.seed)
     for name in ("triangulated", "joint"):
         (scratch / name).mkdir()
     pycolmap.set_random_seed(options.seed)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.cameras.pinhole import to_rigid
+from zeroshop_steps.geometry.cameras.pinhole import make_transform, to_rigid
 from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_points
 from zeroshop_steps.join.object_matches import make_bare_model
 from zeroshop_steps.join.pass_images import Pass
@@ -22,11 +22,9 @@ def move_pose(pose: pycolmap.Rigid3d, target_from_source: np.ndarray) -> pycolma
     """camera_from_target of camera_from_source, where the target's frame is a (4, 4) similarity away; its unit is the target's."""
     scale = compute_scale(target_from_source)
     rotation = target_from_source[:3, :3] / scale
-    camera_from_target = np.eye(4)
-    camera_from_target[:3, :3] = pose.rotation.matrix() @ rotation.T
+    turned = pose.rotation.matrix() @ rotation.T
     centre = transform_points(pose.inverse().translation[None], target_from_source)[0]
-    camera_from_target[:3, 3] = -camera_from_target[:3, :3] @ centre
-    return to_rigid(camera_from_target)
+    return to_rigid(make_transform(turned, -turned @ centre))
 
 
 def triangulate_joined(

@@ -7,6 +7,7 @@ and all ways that differ are returned: one that is far better than every other s
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from zeroshop_steps.geometry.cameras.pinhole import make_transform
 from zeroshop_steps.join.ways import MOST_WAYS
 from zeroshop_steps.register.submodels.outline_alignment import (
     CameraGroup,
@@ -76,8 +77,6 @@ def _make_half_turns(group: CameraGroup) -> list[np.ndarray]:
     turns = []
     for axis in axes:
         for quarter in (1, 2, 3):
-            turn = np.eye(4)
-            turn[:3, :3] = Rotation.from_rotvec(axis * quarter * np.pi / 2).as_matrix()
-            turn[:3, 3] = centre - turn[:3, :3] @ centre
-            turns.append(turn)
+            turn = Rotation.from_rotvec(axis * quarter * np.pi / 2)
+            turns.append(make_transform(turn.as_matrix(), centre - turn.apply(centre)))
     return turns

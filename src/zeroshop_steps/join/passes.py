@@ -15,17 +15,26 @@ from typing import Any
 
 import numpy as np
 import pycolmap
+from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.cameras.registered_views import PASSES
 from zeroshop_steps.geometry.cameras.sparse_files import write_reconstruction
-from zeroshop_steps.join.alike import choose_any
-from zeroshop_steps.join.evidence import Judgement, PassObservation, choose, judge_by_outlines, judge_ways
+from zeroshop_steps.geometry.cameras.transforms import compute_scale
+from zeroshop_steps.join.evidence import (
+    LARGEST_MISS_PX,
+    SAME_SIDE_DEG,
+    Judgement,
+    PassObservation,
+    choose,
+    judge_by_outlines,
+    judge_ways,
+    measure_turn_deg,
+)
 from zeroshop_steps.join.learned_matches import load_networks, match_by_networks
 from zeroshop_steps.join.merging import merge_models, triangulate_joined
 from zeroshop_steps.join.object_matches import match_object, pair_points, triangulate_pass
 from zeroshop_steps.join.pass_images import Pass, gather, read_pass, repeats
 from zeroshop_steps.join.pass_refinement import refine
-from zeroshop_steps.join.reasons import explain, explain_failure, explain_first_failure, explain_joined, explain_repetition
 from zeroshop_steps.join.ways import Way, find_ways_by_matches
 from zeroshop_steps.networks.aliked import FOLDER
 from zeroshop_steps.networks.devices import DEVICES
@@ -34,11 +43,15 @@ from zeroshop_steps.register.aliked import Prepare
 from zeroshop_steps.register.features.sift import SiftOptions
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.record import describe_model, find_lens, read_registration
+from zeroshop_steps.register.submodels.outline_alignment import measure_misses
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError, warn
-from zeroshop_steps.runtime.failures import Failure, read_failure
+from zeroshop_steps.runtime.failures import Failure, how_to_try_again, read_failure
 from zeroshop_steps.runtime.files import atomic_directory, scratch_directory, write_json
 
+AXIS_DEG = 10.0  # of a turn's axis from the pass's up
+MISS_PX = 1.0  # by which the outlines of a pass, turned, may miss its own in the mean, per 1000 px
+MOST_TELLING = 20  # patches in what both passes see that tell places of the object apart: with more, it has print there
 CACHED = Cached(inputs=("cameras", "weights"), ignored=("threads", "device"))
 # A later pass that failed is left out.
 READS_FAILURES = True
@@ -181,3 +194,83 @@ def describe_pass(one: Pass, found: list[Judgement], right: Judgement | None = N
 def describe_failure(number: int, failure: Failure) -> dict[str, Any]:
     """The entry of passes.json of a pass that was not registered."""
     return {"number": number, "images": [], "joined": False, "reason": explain_failure(number, failure), "ways": []}
+
+
+def choose_any(found: list[Judgement], target: PassObservation, source: PassObservation) -> Judgement | None:
+    """The way that fits best, where several fit, none is known to be right, and the shape is the same in all; else None."""
+    possible = sorted((one for one in found if one.verdict != "wrong"), key=lambda one: one.miss_px)
+    if len(possible) < 2 or any(one.verdict == "right" or one.likeness.telling > MOST_TELLING for one in possible):
+        return None
+    best, *others = possible
+    for other in others:
+        turns = (
+            (source, np.linalg.inv(best.way.target_from_source) @ other.way.target_from_source),
+            (target, best.way.target_from_source @ np.linalg.inv(other.way.target_from_source)),
+        )
+        if not all(fits_itself(*turn) for turn in turns):
+            return None
+    return best
+
+
+def fits_itself(sight: PassObservation, turn: np.ndarray) -> bool:
+    """Whether a pass has the same outlines after a turn, a (4, 4) similarity in its own frame, about its upright axis."""
+    vector = Rotation.from_matrix(turn[:3, :3] / compute_scale(turn)).as_rotvec()
+    upright = abs(vector @ sight.group.up) >= np.cos(np.radians(AXIS_DEG)) * np.linalg.norm(vector)
+    return bool(upright and measure_misses(sight.group, sight.group, turn).mean() <= MISS_PX)
+
+
+def explain(number: int, found: list[Judgement]) -> str:
+    """Why a pass could not be joined, and what helps."""
+    left_out = _leave_out(number)
+    if sum(one.verdict != "wrong" for one in found) > 1:
+        return f"pass {number} fits to pass 1 in several ways, because sides of the object look alike: {left_out}"
+    if not found or (found[0].miss_px > LARGEST_MISS_PX and found[0].elsewhere_px is not None):
+        return (
+            f"neither print nor outlines of the object in pass {number} fit to pass 1: {left_out}. Film both passes from low enough that"
+            " the sides are seen in both, or lay the object on its side; was it the same object, and are the masks right?"
+        )
+    if found[0].miss_px > LARGEST_MISS_PX:
+        return f"print matches, but the outlines of pass {number} contradict those of pass 1: {left_out}. Has the object changed its shape?"
+    if found[0].verdict == "wrong":
+        return (
+            f"the outlines of pass {number} fit to pass 1, but where the passes lie on each other the pictures differ: {left_out}."
+            " Take both passes in the same soft light, without highlights; was it the same object?"
+        )
+    return f"pass {number} fits to pass 1, but too little print shows that it is right: {left_out}"
+
+
+def explain_repetition(number: int) -> str:
+    """Why a pass whose pictures are those of the first was left out."""
+    return f"the pictures of pass {number} are those of pass 1: {_leave_out(number)}. Turn the object over and capture it again"
+
+
+def explain_failure(number: int, failure: Failure) -> str:
+    """Why a later pass that has no cameras was left out."""
+    return f"pass {number} failed ({failure.reason}): {_leave_out(number)}. {how_to_try_again(failure.place)}"
+
+
+def explain_first_failure(failure: Failure) -> str:
+    """Why nothing was joined: the frame and the height are those of the first pass."""
+    return (
+        f"pass 1, in whose frame all stand and of which the height is known, failed ({failure.reason}). Capture it again, or give another"
+        f" pass alone. {how_to_try_again(failure.place)}"
+    )
+
+
+def explain_joined(number: int, chosen: Judgement, first: PassObservation, other: PassObservation) -> str | None:
+    """What a pass that was joined leaves unknown; None where it leaves nothing."""
+    if chosen.verdict != "right":
+        return (
+            f"pass {number} fits to pass 1 in several turns about its upright axis, and in each it has the same shape: one was taken. How"
+            " print that only one of the passes shows lies to that of the other stays unknown"
+        )
+    if measure_turn_deg(chosen.way, first, other) > SAME_SIDE_DEG:
+        return None
+    return (
+        f"in pass {number} the object stands as in pass 1, so its underside stays unknown: both are used, but turn the object over for"
+        " the second pass"
+    )
+
+
+def _leave_out(number: int) -> str:
+    return f"pass {number} is left out, and what only it shows stays unknown"

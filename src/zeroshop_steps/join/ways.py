@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pycolmap
 
+from zeroshop_steps.geometry.cameras.pinhole import to_matrix
 from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_points
 from zeroshop_steps.join.object_matches import PointPairs
 
@@ -44,8 +45,7 @@ def find_ways_by_matches(pairs: PointPairs, seed: int) -> list[Way]:
         fitted = pycolmap.estimate_sim3d_robust(pairs.source[left], pairs.target[left], options)
         if fitted is None:
             break
-        way = np.eye(4)
-        way[:3] = fitted["tgt_from_src"].matrix()
+        way = to_matrix(fitted["tgt_from_src"])
         near = np.linalg.norm(transform_points(pairs.source, way) - pairs.target, axis=1) <= options.max_error
         supporting = int((near & left).sum())
         if supporting < max(FEWEST_PAIRS, LEAST_SHARE * (ways[0].pairs if ways else 0)):

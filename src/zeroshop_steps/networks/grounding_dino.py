@@ -8,13 +8,13 @@ import torch
 
 from zeroshop_steps.networks.devices import run_network
 from zeroshop_steps.networks.pretrained import load_part, load_pretrained
+from zeroshop_steps.networks.weights import SHOWN
 from zeroshop_steps.runtime.errors import StepError
 
 OFF_MIDDLE = 0.5
 """The score of a box falls to 1/e where its centre is this share of half the image's diagonal away from the middle."""
 WHOLE_SHARE = 0.9
 """A box wider and higher than this share of the image is the whole scene, not an object in it."""
-MOST_SHOWN = 5  # boxes of an image that an error lists
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def describe_nothing_found(seen: dict[str, list[Box]], prompt: str, min_score: f
     """The error where no image shows the object, with the best boxes seen in each, by image name."""
     lines = []
     for name, boxes in seen.items():
-        shown = [f"{box}{', nearly the whole image' if box.is_whole(size_px) else ''}" for box in boxes[:MOST_SHOWN]]
+        shown = [f"{box}{', nearly the whole image' if box.is_whole(size_px) else ''}" for box in boxes[:SHOWN]]
         lines.append(f"{name}: {'; '.join(shown) or 'no box at all'}")
     return StepError(
         f'nothing was found that is "{prompt}": no box reaches the score {min_score:g}. Say what the object is in the column prompt of '

@@ -7,11 +7,10 @@ from zeroshop_steps.detect.templates import make_view_directions
 from zeroshop_steps.geometry.cameras.viewpoints import face_along
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.pose.icp import compute_shape_costs, run_icp
-from zeroshop_steps.pose.nearest_surface import build_nearest_surface
+from zeroshop_steps.pose.nearest_surface import FEW_SAMPLES, build_nearest_surface
 
 # Chosen on six virtual tables of the demo objects, the test set with seed 1 (docs/results.md, "Detection and poses").
 VIEWS, TURNS = 42, 24  # directions, and in-plane rotations of each: 1008 starts; the rotations are 15 degrees apart
-START_SAMPLES = 2000  # of the surface, whose mean position is put onto the measured points
 # In three rounds, ever fewer poses are aligned with ever more points; all poses with all points would take many times as long.
 FIRST_POINTS, LAST_POINTS, FINAL_POINTS = 80, 200, 1000  # measured points
 FIRST_STEPS, LAST_STEPS, FINAL_STEPS = 8, 12, 12  # of ICP
@@ -60,8 +59,8 @@ class PoseSearch:
         """Every rotation; the mean of the surface that then faces the camera is put onto the median of the measured points."""
         middle = np.median(points, axis=0)
         away = middle / np.linalg.norm(middle)
-        facing = (self._surface.normals[:START_SAMPLES] @ (away @ self._rotations).T < 0) | self._surface.is_open
-        sums = self._surface.points[:START_SAMPLES].T @ facing / np.maximum(facing.sum(0), 1)
+        facing = (self._surface.normals[:FEW_SAMPLES] @ (away @ self._rotations).T < 0) | self._surface.is_open
+        sums = self._surface.points[:FEW_SAMPLES].T @ facing / np.maximum(facing.sum(0), 1)
         poses = np.tile(np.eye(4), (len(self._rotations), 1, 1))
         poses[:, :3, :3] = self._rotations
         poses[:, :3, 3] = middle - np.einsum("pij,jp->pi", self._rotations, sums)

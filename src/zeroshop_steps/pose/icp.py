@@ -7,11 +7,11 @@ poses"). Images that figures are published of were not used.
 import numba
 import numpy as np
 
+from zeroshop_steps.geometry.alignment.similarity_search import NEAR_SHARE
 from zeroshop_steps.geometry.cameras.pinhole import NEAREST_MM
 from zeroshop_steps.geometry.cholesky import solve_by_cholesky
 from zeroshop_steps.pose.nearest_surface import NearestSurface
 
-NEAR_SHARE = 0.85  # of the points, the nearest, that a step uses; the others may belong to another object or to a wrong mask
 LARGEST_TURN = 0.4  # radians about each axis in one step (23 degrees); the linearised rotation is worthless beyond
 DAMPING = 1e-3  # of the diagonal of the normal equations (Levenberg-Marquardt); keeps a step small where the points do not fix it
 SMALL_ANGLE = 1e-4  # radians below which sine and cosine are replaced by their series: their quotients would lose all digits

@@ -13,6 +13,7 @@ from zeroshop_steps.geometry.alignment.surface_points import SurfacePoints, samp
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
+FEW_SAMPLES = 2000  # of the surface, for means over it
 SAMPLES = 16000  # of the surface; about 2 mm apart on an object of 15 cm
 CELLS = 160_000  # of the table, about 0.6 MB; a look-up is off by at most about a cell's diagonal
 MARGIN_DIAMETERS = 0.25  # of the table around the model's box; points farther away are looked up at its border

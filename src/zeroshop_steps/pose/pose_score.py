@@ -9,6 +9,7 @@ from zeroshop_steps.geometry.alignment.similarity_icp import correlate_colors
 from zeroshop_steps.geometry.alignment.surface_points import sample_surface_points
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.rendering.mesh_rendering import sample_texture
+from zeroshop_steps.pose.nearest_surface import FEW_SAMPLES
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 # Chosen on six virtual tables of the demo objects, the test set with seed 1 (docs/results.md, "Detection and poses").
@@ -20,7 +21,6 @@ LEAST_PRINTED = 20  # pixels that must agree for a correlation of colours; it is
 UNSEEN_LIKENESS = 0.7  # assumed for faces whose print no photo saw: between that of right and of wrong poses
 HOLLOW_SHARE = 0.5  # weight of measured depth behind an assumed surface: there may be a hollow, or the pose may be wrong
 COARSEST_PX = 64  # shorter side below which the texture is not halved any more; print is gone by then
-SAMPLES = 2000  # of the surface, for the contrast of its colours
 PATCH_MARGIN, LEAST_MARGIN_PX = 3, 4  # a patch reaches beyond the mask by a third of its longer side and so many pixels
 
 
@@ -69,7 +69,7 @@ class PoseScorer:
         self._seen, self._assumed = mesh.seen_faces(), mesh.assumed_faces()
         self._scene = ray_caster((mesh.vertices, mesh.faces))
         self._behind = ray_caster((mesh.vertices, mesh.faces[~self._assumed])) if self._assumed.any() else None
-        samples = sample_surface_points(mesh, SAMPLES, np.random.default_rng(0))
+        samples = sample_surface_points(mesh, FEW_SAMPLES, np.random.default_rng(0))
         self._printed = samples.colors is not None
         if samples.colors is not None:
             contrast = 255.0 * float(np.sqrt(samples.colors.var(0).mean()))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from zeroshop_steps.geometry.cameras.pinhole import make_transform
 from zeroshop_steps.robot.recognition import Recognition, RecognitionRequest
 from zeroshop_steps.robot.recognizers import Recognizer
 from zeroshop_steps.ros.image_messages import LABELS, read_color, read_depth, read_mask, write_image
@@ -120,7 +121,4 @@ def write_pose(camera_from_model: np.ndarray, types: MessageTypes) -> Any:
 def read_pose(message: Any) -> np.ndarray:
     """(4, 4) in mm of a geometry_msgs/Pose."""
     turn, place = message.orientation, message.position
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
-    pose[:3, 3] = np.array([place.x, place.y, place.z]) * 1000
-    return pose
+    return make_transform(Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix(), np.array([place.x, place.y, place.z]) * 1000)

@@ -5,6 +5,7 @@ a detector found are those of an estimator's goal. Ends with an error where the 
 """
 
 import argparse
+import time
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,15 @@ import numpy as np
 from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
 from zeroshop_steps.geometry.imaging.images import decode_image, read_image, read_mask, write_mask
 from zeroshop_steps.robot.goals import BACKGROUND, read_pose
-from zeroshop_steps.robot.ros1.client import send_goal
 from zeroshop_steps.robot.ros1.environment import provide_ros, require_master
 from zeroshop_steps.robot.ros1.messages import load_messages
 from zeroshop_steps.ros.image_messages import write_image
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, write_json
 
+LOOK_S = 0.5  # between looks at the goal itself: the client may not have been told of an answer that came at once
+STATES = ("pending", "active", "preempted", "succeeded", "aborted", "rejected", "preempting", "recalling", "recalled", "lost")
+"""By the numbers of actionlib_msgs/GoalStatus."""
 NODE = "zeroshop_goal"
 
 
@@ -88,3 +91,30 @@ def write_answer(folder: Path, result: Any, seconds: float) -> None:
             entry["camera_from_model_mm"] = read_pose(result.pose_results[index]).tolist()
         objects.append(entry)
     write_json(folder / "result.json", {"seconds": round(seconds, 3), "feedback": result.result_feedback, "objects": objects})
+
+
+def send_goal(server: str, action: Any, goal: Any, timeout_s: float) -> tuple[str, Any, float]:
+    """Send a goal and wait for the answer.
+
+    Returns:
+        How the goal ended, the result's message, and the seconds from sending to the answer.
+
+    Raises:
+        StepError: there is no such server, or it does not answer in time.
+    """
+    import actionlib
+    import rospy
+
+    client = actionlib.SimpleActionClient(server, action)
+    # A server may not be there yet.
+    if not client.wait_for_server(rospy.Duration.from_sec(10.0)):
+        raise StepError(f"there is no action server {server}; rostopic list names those that run")
+    start_s = time.monotonic()
+    client.send_goal(goal)
+    while not client.wait_for_result(rospy.Duration.from_sec(LOOK_S)) and client.gh.get_comm_state() != actionlib.CommState.DONE:
+        if time.monotonic() - start_s < timeout_s:
+            continue
+        client.cancel_goal()
+        raise StepError(f"{server} has not answered within {timeout_s:g} s; see its log, or give it longer with --timeout-s")
+    seconds = time.monotonic() - start_s
+    return STATES[client.gh.get_terminal_state()], client.get_result(), seconds

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.meshes.triangle_meshes import FACING_COSINE
 from zeroshop_steps.scan.cell_visibility import FREE, see_cells
-from zeroshop_steps.scan.surface_map import GOOD_COSINE, Coverage
+from zeroshop_steps.scan.surface_map import Coverage
 from zeroshop_steps.scan.workspace import Box
 
 CELLS = 12  # along each side of a face
@@ -50,4 +51,4 @@ class AssumedSurface:
     def _see(self, cameras: Sequence[Camera]) -> np.ndarray:
         # The box is convex, so that nothing hides what faces the camera.
         nothing = np.full((1, 1, 1), FREE, np.uint8)
-        return see_cells(nothing, BESIDE_M, 1.0, self._points, self._normals, GOOD_COSINE, cameras)
+        return see_cells(nothing, BESIDE_M, 1.0, self._points, self._normals, FACING_COSINE, cameras)

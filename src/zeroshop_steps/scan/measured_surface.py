@@ -12,19 +12,20 @@ from functools import cached_property
 import numpy as np
 from scipy import ndimage
 
+from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_VIEWS
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.transforms import make_unit
+from zeroshop_steps.geometry.meshes.triangle_meshes import FACING_COSINE
+from zeroshop_steps.geometry.observation.visibility import GRAZING_COSINE
+from zeroshop_steps.geometry.observation.visual_hull import SMOOTHING_VOXELS
 from zeroshop_steps.scan.cell_visibility import FREE, see_cells
-from zeroshop_steps.scan.surface_map import GOOD_COSINE, Coverage
+from zeroshop_steps.scan.surface_map import Coverage
 from zeroshop_steps.scan.workspace import Box, Grid
 
 UNKNOWN, SURFACE = 0, 2  # states of cells, beside FREE
 LEAST_BAND_M = 0.002  # before a measured point, cells count as surface up to this, or up to a cell: sensors are no more exact
 BEHIND_BANDS = 0.7  # and behind it: less, so that walls of two cells have two sides
-FACING_COSINE = 0.2  # a frontier is seen from its free side, up to 78 degrees
-TRIES = 2  # a frontier that so many views looked at without measuring it counts no longer: it is dark, shiny, or too steep
 LEAST_SURFACE = 30  # cells, from which on the extent is that of the surface
-NORMAL_DEVIATION_CELLS = 1.2  # of the blur of free space whose gradient is the normal
 
 
 class MeasuredSurface:
@@ -85,7 +86,7 @@ class MeasuredSurface:
         lacks = np.maximum(self.least_views - self._views, 0) / self.least_views
         lacking = lacks > 0
         if lacking.any():
-            gains += self._see(surface[lacking], surface_normals[lacking], GOOD_COSINE, cameras) @ lacks[lacking]
+            gains += self._see(surface[lacking], surface_normals[lacking], FACING_COSINE, cameras) @ lacks[lacking]
         return np.asarray(gains, float)
 
     def coverage(self) -> Coverage:
@@ -113,9 +114,9 @@ class MeasuredSurface:
         for axis in range(3):
             for step in (-1, 1):
                 beside |= np.roll(free, step, axis)[1:-1, 1:-1, 1:-1]
-        blurred = ndimage.gaussian_filter(free.astype(np.float32), NORMAL_DEVIATION_CELLS)
+        blurred = ndimage.gaussian_filter(free.astype(np.float32), SMOOTHING_VOXELS)
         slopes = np.stack([slope[1:-1, 1:-1, 1:-1].ravel() for slope in np.gradient(blurred)], -1)
-        open_cells = (self.states == UNKNOWN) & beside & (self._tries < TRIES).reshape(self.states.shape)
+        open_cells = (self.states == UNKNOWN) & beside & (self._tries < AGREEING_VIEWS).reshape(self.states.shape)
         frontier, surface = np.flatnonzero(open_cells), np.flatnonzero((self.states == SURFACE) & beside)
         return frontier, make_unit(slopes[frontier]), surface, make_unit(slopes[surface])
 
@@ -123,13 +124,13 @@ class MeasuredSurface:
     def _views(self) -> np.ndarray:
         """(S,) views that saw each cell of surface within 60 degrees of its normal."""
         _, _, surface, normals = self._cells
-        return np.asarray(self._see(surface, normals, GOOD_COSINE, self._cameras).sum(0))
+        return np.asarray(self._see(surface, normals, FACING_COSINE, self._cameras).sum(0))
 
     def _measure(self, cells: np.ndarray, normals: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
         """(C, N) bool: the cells that both eyes of the sensor see."""
-        seen = self._see(cells, normals, FACING_COSINE, cameras)
+        seen = self._see(cells, normals, GRAZING_COSINE, cameras)
         if self._second_eye_m is not None:
-            seen &= self._see(cells, normals, FACING_COSINE, [_shift(camera, self._second_eye_m) for camera in cameras])
+            seen &= self._see(cells, normals, GRAZING_COSINE, [_shift(camera, self._second_eye_m) for camera in cameras])
         return seen
 
     def _see(self, cells: np.ndarray, normals: np.ndarray, least_cosine: float, cameras: Sequence[Camera]) -> np.ndarray:

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.transforms import make_unit
+from zeroshop_steps.geometry.cameras.viewpoints import SAME_DIRECTION_DEG
 from zeroshop_steps.scan.reach import Move, Reach
 from zeroshop_steps.scan.surface_map import Coverage, SurfaceMap
 from zeroshop_steps.scan.viewpoints import ViewSphere
 
 NEARLY = 0.85  # of the best gain: maps are not more exact, and the nearest of these views is taken
 ASKED = 16  # views that an arm is asked for at once, from the best down
-LEAST_ANGLE_DEG = 8.0  # between a proposal and views that were taken, as seen from the object
 PROPOSALS = 5
 ENOUGH_SHARE = 0.005
 """Of the known surface: if no reachable view gains more, it is enough. What is left then is at the edges of cells."""
@@ -105,4 +105,4 @@ def _are_fresh(views: np.ndarray, taken: Sequence[np.ndarray], centre_m: np.ndar
     if not len(taken):
         return np.ones(len(views), bool)
     wanted, had = (make_unit(np.asarray(poses)[:, :3, 3] - centre_m) for poses in (views, taken))
-    return np.asarray((wanted @ had.T).max(1) < np.cos(np.radians(LEAST_ANGLE_DEG)))
+    return np.asarray((wanted @ had.T).max(1) < np.cos(np.radians(SAME_DIRECTION_DEG)))

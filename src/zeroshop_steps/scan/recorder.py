@@ -17,7 +17,7 @@ from zeroshop_steps.geometry.imaging.images import DEPTH_STEP_MM, read_depth_mm,
 from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.runtime.errors import StepError, warn
 
-FARTHEST_MM = 6553.0  # that 16 bits of this step hold; what is farther is none of the object
+FARTHEST_MM = DEPTH_STEP_MM * np.iinfo(np.uint16).max  # that 16 bits of this step hold; what is farther is none of the object
 REST_S = 0.3  # so long the arm must have stood still: the time of a few images, and of an arm's last swing
 REST_M, REST_DEG = 0.0005, 0.05  # by which the pose may change meanwhile: what tf of such arms wavers by
 SAME_M, SAME_DEG = 0.003, 0.5  # a view nearer to an earlier one shows nothing new

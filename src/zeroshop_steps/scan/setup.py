@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.capture.cameras_json import Lens
+from zeroshop_steps.geometry.cameras.pinhole import make_transform
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.scan.arm.arm_reach import ArmReach, CameraHand
 from zeroshop_steps.scan.arm.kinematics import ARMS, JOINTS, Capsule, find_arm
@@ -97,6 +98,4 @@ def read_pose(numbers: Sequence[float], name: str) -> np.ndarray:
     length = float(np.linalg.norm(numbers[3:]))
     if not np.isfinite(numbers).all() or abs(length - 1.0) > UNIT_QUATERNION:
         raise StepError(f"{name} has a quaternion of length {length:g}; expected x y z qx qy qz qw with length 1, metres")
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = Rotation.from_quat(numbers[3:]).as_matrix(), numbers[:3]
-    return pose
+    return make_transform(Rotation.from_quat(numbers[3:]).as_matrix(), numbers[:3])

@@ -9,10 +9,6 @@ import numpy as np
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.scan.workspace import Box
 
-GOOD_COSINE = 0.5
-"""Of the angle between a normal and a ray, from which a view counts for a part of the surface: 60 degrees. Beyond, photos are too
-foreshortened to match, and depth is several times less exact (Khoshelham and Elberink 2012)."""
-
 
 @dataclass(frozen=True)
 class Coverage:

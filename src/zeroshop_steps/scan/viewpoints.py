@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
-from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at, spread_over_sphere
+from zeroshop_steps.geometry.cameras.viewpoints import FILLED, direction_at, look_at, spread_over_sphere
 from zeroshop_steps.scan.workspace import Box
 
 STEEPEST_DEG = 85.0  # above, "upright" has no meaning
-FILLED = 0.9  # of the image's shorter side, by the ball around the object
 
 
 @dataclass(frozen=True)

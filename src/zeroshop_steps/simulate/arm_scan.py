@@ -6,29 +6,86 @@ images/, depth/ and cameras.json, which `zeroshop FOLDER` makes a mesh of, and s
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from zeroshop_steps.capture.cameras_json import Lens
+from zeroshop_steps.geometry.alignment.surface_distance import SHARE_SAMPLES, sample_surface
+from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.meshes.units import MM_PER_M
+from zeroshop_steps.geometry.observation.visibility import GRAZING_COSINE
 from zeroshop_steps.grasp.gripper import GRIPPERS, find_gripper
+from zeroshop_steps.register.scene.image_set import MIN_IMAGES
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
+from zeroshop_steps.runtime.open3d_loader import o3d
 from zeroshop_steps.scan.arm.kinematics import ARMS, find_arm
 from zeroshop_steps.scan.next_views import Advice
 from zeroshop_steps.scan.recorder import ScanRecorder
 from zeroshop_steps.scan.session import Scan
 from zeroshop_steps.scan.setup import check_least_views, make_map
-from zeroshop_steps.simulate.arm.completeness import TrueSurface
 from zeroshop_steps.simulate.arm.scan_robot import RINGS_DEG, ScanRobot, Stop
 from zeroshop_steps.simulate.arm.scan_scene import PROJECTOR_M, ScanScene
 from zeroshop_steps.synthetic.rendering.shading import use_threads
 
+MEASURED_M = 0.003  # a pixel whose depth is nearer to a point's than this has measured it
+OFF_SURFACE_M = 0.0002  # that rays end before a point, so that its own face does not hide it
 NEXT_BEST = "next_best"
 DISTANCES_M = {"ur5e": 0.40, "ur10e": 0.60}
 """From the base to the object, from where these arms reach nearly all sides of a hand-sized thing."""
+
+
+class TrueSurface:
+    """Points of the true surface.
+
+    Args:
+        scene: the model on its table.
+        viewpoints: all cameras that can be reached, in the world.
+        seed: of the samples.
+    """
+
+    def __init__(self, scene: ScanScene, viewpoints: Iterable[Camera], seed: int = 0) -> None:
+        mesh = Mesh(scene.points_m, scene.mesh.faces)
+        self._points, faces, _ = sample_surface(mesh, SHARE_SAMPLES, np.random.default_rng(seed))
+        self._normals = mesh.face_normals()[faces]
+        self._scene = scene
+        counts = np.zeros(len(self._points), int)
+        for camera in viewpoints:
+            counts += self.sees(camera)
+        # What is nearer to the table than depth is exact cannot be told from it.
+        self.measurable = (counts >= MIN_IMAGES) & (self._points[:, 2] > MEASURED_M)
+
+    def sees(self, camera: Camera) -> np.ndarray:
+        """(P,) bool: the points that the sensor can measure from a camera, by its own rules and without its noise."""
+        _, _, _, inside = camera.find_pixels(self._points)
+        rays = camera.centre_in_world - self._points
+        cosine = (self._normals * rays).sum(1) / np.linalg.norm(rays, axis=1)
+        seen = inside & (cosine > GRAZING_COSINE)
+        projector = camera.centre_in_world + camera.camera_from_world[:3, :3].T @ PROJECTOR_M
+        for eye in (camera.centre_in_world, projector):
+            seen &= ~self._is_hidden_from(eye)
+        return np.asarray(seen)
+
+    def measured(self, camera: Camera, depth_m: np.ndarray) -> np.ndarray:
+        """(P,) bool: the points that a (height, width) depth image of a camera measured."""
+        rows, columns, depth, inside = camera.find_pixels(self._points)
+        found = np.zeros(len(self._points), bool)
+        found[inside] = np.abs(depth_m[rows[inside], columns[inside]] - depth[inside]) < MEASURED_M
+        return found
+
+    def share(self, measured: np.ndarray) -> float:
+        """Completeness, 0..1, by (P,) bool."""
+        return float(measured[self.measurable].mean())
+
+    def _is_hidden_from(self, eye_m: np.ndarray) -> np.ndarray:
+        ends = self._points + OFF_SURFACE_M * self._normals
+        starts = np.broadcast_to(eye_m, ends.shape)
+        rays = MM_PER_M * np.concatenate([starts - self._scene.world_from_model_m, ends - starts], 1)
+        return np.asarray(self._scene.rays.test_occlusions(o3d.core.Tensor(rays.astype(np.float32)), 0.0, 1.0).numpy())
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

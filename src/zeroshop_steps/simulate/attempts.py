@@ -16,10 +16,16 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps.bop.formats.bop_scenes import read_scene, write_scene
+from zeroshop_steps.bop.formats.models import model_path
+from zeroshop_steps.finish.closing.underside import close_underside
 from zeroshop_steps.geometry.imaging.images import compute_overlap, write_image
-from zeroshop_steps.grasp.antipodal import GraspOptions
-from zeroshop_steps.grasp.gripper import GRIPPERS, find_gripper
-from zeroshop_steps.runtime.errors import warn
+from zeroshop_steps.geometry.meshes.mass_properties import count_open_edges
+from zeroshop_steps.geometry.meshes.metric_mesh import MetricMesh, read_metric_mesh
+from zeroshop_steps.geometry.meshes.surface_fields import weld
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.grasp.antipodal import HOLLOW_TEXT, FoundGrasps, GraspOptions, find_grasps
+from zeroshop_steps.grasp.gripper import GRIPPERS, Gripper, find_gripper
+from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import atomic_directory, scratch_directory
 from zeroshop_steps.runtime.progress import track
@@ -28,13 +34,11 @@ from zeroshop_steps.simulate.camera import in_memory
 from zeroshop_steps.simulate.dynamics.lifting import SUCCESS, Lift, lift
 from zeroshop_steps.simulate.dynamics.physics import USUAL
 from zeroshop_steps.simulate.failure_pictures import draw_failure
-from zeroshop_steps.simulate.known_grasps import grasps_of_model
-from zeroshop_steps.simulate.measure import SEGMENTED_IOU
 from zeroshop_steps.simulate.perception import Perception
 from zeroshop_steps.simulate.protocol import ProtocolPose
 from zeroshop_steps.simulate.protocol_images import FirstLook, photograph_rest, read_first_looks
 from zeroshop_steps.simulate.robot import Plan, Robot
-from zeroshop_steps.simulate.true_object import TrueObject, in_mm, read_true_object
+from zeroshop_steps.simulate.true_object import SEGMENTED_IOU, TrueObject, in_mm, read_true_object
 from zeroshop_steps.synthetic.rendering.shading import use_threads
 
 READS_FAILURES = True
@@ -186,3 +190,31 @@ def _put_back(lifted: Lift | None, start: np.ndarray) -> np.ndarray:
         return start
     left = lifted.world_from_object
     return left if np.linalg.norm(left[:2, 3]) < REACH_M and left[2, 3] > 0.0 else start
+
+
+def grasps_of_model(models: Path, object_id: int, gripper: Gripper, options: GraspOptions) -> FoundGrasps:
+    """The grasps of one model of a folder; none, with a warning, where there is none.
+
+    An open underside is closed first, as `finish` does it: grasps need a body. What was added is unseen and not grasped.
+    """
+    path = model_path(models, object_id)
+    metric = read_metric_mesh(path)
+    if count_open_edges(metric.mesh):
+        closed = close_below(metric.mesh)
+        metric = MetricMesh(closed, metric.scale, metric.scale_source, metric.relative_deviation)
+    try:
+        found = find_grasps(metric, gripper, options, str(path))
+    except StepError as error:
+        warn(f"{path} cannot be grasped: {error}")
+        return FoundGrasps([], [], metric.mesh.vertices, options.friction)
+    print(f"{path}: {len(found.grasps)} grasps{', ' + HOLLOW_TEXT if found.hollow else ''}", file=sys.stderr)
+    return found
+
+
+def close_below(mesh: Mesh) -> Mesh:
+    """A mesh that stands upright, its underside closed; the faces that were added have quality 0, all others 1."""
+    joined, _ = weld(mesh)
+    closed, _ = close_underside(joined, np.array([0.0, 0.0, 1.0]), float(joined.vertices[:, 2].min()))
+    quality = np.zeros(len(closed.vertices))
+    quality[: len(joined.vertices)] = 1.0
+    return Mesh(closed.vertices, closed.faces, quality=quality)

@@ -9,6 +9,7 @@ from zeroshop_steps.bop.formats.bop_scenes import HALF_PX, Frame
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.viewpoints import look_at
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.robot.recognition import LiveFrame
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.synthetic.scenes.table_scene import RgbdImage, TableScene, render_raycast
 
@@ -19,16 +20,8 @@ MERGED_MM, SURFACE_CELLS = 3.0, 120  # of the baked light: half as fine as test 
 
 
 @dataclass(frozen=True)
-class SensedFrame(Frame):
-    """An image in memory, as detectors take it.
-
-    Attributes:
-        photo: (height, width, 3) uint8.
-        measured_mm: (height, width) float32, 0 where nothing was measured.
-    """
-
-    photo: np.ndarray
-    measured_mm: np.ndarray
+class SensedFrame(LiveFrame):
+    """An image of the simulated camera, as detectors take it."""
 
     @property
     def camera_from_table(self) -> np.ndarray:
@@ -36,19 +29,6 @@ class SensedFrame(Frame):
         if self.camera_from_world is None:
             raise StepError(f"{self.folder / 'scene_camera.json'} does not say where the camera is; delete the folder and make it again")
         return self.camera_from_world
-
-    def color(self) -> np.ndarray:
-        """The photo."""
-        return self.photo
-
-    @property
-    def has_depth(self) -> bool:
-        """It always has."""
-        return True
-
-    def depth_mm(self) -> np.ndarray:
-        """The measured depth."""
-        return self.measured_mm
 
 
 def hsr_camera() -> Camera:
@@ -79,5 +59,5 @@ def in_memory(frame: Frame) -> SensedFrame:
         raise StepError(f"{frame.folder / 'rgb'} has no image {frame.image_id:06d}; delete the folder and make it again")
     return SensedFrame(
         frame.scene_id, frame.image_id, frame.intrinsics, frame.depth_scale, frame.camera_from_world, frame.instances, frame.folder,
-        photo, frame.depth_mm(),
+        photo=photo, measured_mm=frame.depth_mm(),
     )  # fmt: skip

@@ -63,7 +63,7 @@ class Perception:
     def _locate(self, frame: SensedFrame, one: ObjectMask) -> Sighting:
         ready = self._ready.get(one.object_id) or PreparedModel(self.models[one.object_id])
         self._ready[one.object_id] = ready
-        pose = estimate_pose(one.mask, frame.photo, frame.measured_mm, frame.intrinsics, ready)
+        pose = estimate_pose(one.mask, frame.photo, frame.depth_mm(), frame.intrinsics, ready)
         if pose is None:
             return Sighting(one.mask, one.score, None, 0.0)
         return Sighting(one.mask, one.score, pose.camera_from_model, estimate_confidence(pose.explained, pose.margin, pose.points))

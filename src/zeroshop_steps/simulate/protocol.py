@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.support.placements import Placement, placements_of_hull
+from zeroshop_steps.geometry.cameras.pinhole import make_transform
+from zeroshop_steps.geometry.support.placements import LEAST_STABILITY_DEG, Placement, placements_of_hull
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.simulate.dynamics.physical_body import PhysicalBody
 
 FACING_ROBOT_DEG = 180.0  # the robot looks along +x of the table, and at 0 degrees the object's front, its x axis, faces it
-LEAST_STABILITY_DEG = 8.0  # what falls over on a table tilted by less is not put upright or upside down; what lies may roll
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,6 @@ def _first_of_kind(placements: list[Placement], kind: str) -> Placement | None:
 
 
 def _turn(placement: Placement, turn_deg: float) -> np.ndarray:
-    turn = np.eye(4)
-    turn[:3, :3] = Rotation.from_euler("z", FACING_ROBOT_DEG + turn_deg, degrees=True).as_matrix()
+    turn = Rotation.from_euler("z", FACING_ROBOT_DEG + turn_deg, degrees=True).as_matrix()
     # A millimetre above the table, from which it is let go.
-    turn[2, 3] = 0.001
-    return turn @ placement.plane_from_object
+    return make_transform(turn, [0.0, 0.0, 0.001]) @ placement.plane_from_object

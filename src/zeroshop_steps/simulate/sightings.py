@@ -25,9 +25,9 @@ from zeroshop_steps.runtime.progress import track
 from zeroshop_steps.runtime.tables import write_table
 from zeroshop_steps.simulate.camera import in_memory
 from zeroshop_steps.simulate.failure_pictures import draw_outline, silhouette
-from zeroshop_steps.simulate.measure import SEGMENTED_IOU, pose_error_mm
 from zeroshop_steps.simulate.perception import Perception
 from zeroshop_steps.simulate.scenes import read_layouts
+from zeroshop_steps.simulate.true_object import SEGMENTED_IOU, pose_error_mm
 
 READS_FAILURES = True
 COLUMNS = ("kind", "scene", "object_id", "visible_share", "segmented", "iou", "pose_right", "pose_error_mm", "pose_error_diameters")

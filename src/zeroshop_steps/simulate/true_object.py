@@ -6,13 +6,16 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.bop.formats.symmetry import list_symmetry_transforms
+from zeroshop_steps.bop.scoring.pose_error import ModelPoints, mssd
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.meshes.surface_parts import with_texture
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.simulate.dynamics.physical_body import PhysicalBody, read_body
-from zeroshop_steps.simulate.measure import pose_error_mm
+
+SEGMENTED_IOU = 0.5
+"""Of a mask with the true visible one, from which the object counts as segmented."""
 
 
 @dataclass(frozen=True)
@@ -63,3 +66,19 @@ def in_metres(transform: np.ndarray) -> np.ndarray:
     scaled = transform.copy()
     scaled[:3, 3] /= MM_PER_M
     return scaled
+
+
+def pose_error_mm(
+    camera_from_mesh: np.ndarray, truth_from_mesh: np.ndarray, camera_from_model: np.ndarray, vertices: np.ndarray, symmetries: np.ndarray
+) -> float:
+    """MSSD of a pose of the robot's mesh, applied to the true model; mm.
+
+    Args:
+        camera_from_mesh: (4, 4) the estimate.
+        truth_from_mesh: (4, 4) similarity from the robot's mesh to the true model.
+        camera_from_model: (4, 4) the true pose of the true model.
+        vertices: (V, 3) of the true model.
+        symmetries: (S, 4, 4) of the true model.
+    """
+    estimated = camera_from_mesh @ np.linalg.inv(truth_from_mesh)
+    return float(mssd(estimated[None], camera_from_model[None], ModelPoints.from_vertices(vertices), symmetries)[0])

@@ -20,14 +20,14 @@ from zeroshop_steps.surface.rendering.training_views import TrainingView
 from zeroshop_steps.surface.training.losses import SOLID_ALPHA
 from zeroshop_steps.surface.twodgs.render import RenderView, render_surface_depth
 from zeroshop_steps.surface.twodgs.surfels import Surfels, read_splat_ply
+from zeroshop_steps.surface.twodgs.train import SCALE_MAX
 
 TRUNCATION_VOXELS = 5.0
 """Half width of the band in which distances are kept, as in 2DGS. Three keep walls thinner (YCB bowl with depth images: F 0.955 and 0.734
 of two captures, 0.958 and 0.777 with three), but where depth maps of photos agree less, the surface falls into parts: the silhouettes of
 a tissue box overlap with its masks by 0.975, with three by 0.955."""
-SURFACE_REACH = 0.04
-"""Surfels within this of a pixel's median depth, in normalized units, belong to the same surface: half of the widest surfel
-(`twodgs.train.SCALE_MAX`)."""
+SURFACE_REACH = SCALE_MAX / 2
+"""Surfels within this of a pixel's median depth, in normalized units, belong to the same surface: half of the widest surfel."""
 EXTENT_QUANTILES = (0.01, 0.99)
 """The object's box, whose longest side is divided into voxels, holds the surfels between these quantiles: a few may lie far off."""
 BLOCKS_AT_FIRST = 4_000

@@ -13,11 +13,13 @@ from pathlib import Path
 import numpy as np
 import torch
 from scipy.ndimage import gaussian_filter
+from skimage.measure import marching_cubes
 
+from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_VIEWS
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.observation.visibility import GRAZING_COSINE
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.open3d_loader import o3d
-from zeroshop_steps.surface.meshing.raw_mesh import GRID_BLOCK, OFFSET_VOXELS, extract_mesh, make_tsdf_grid, read_mesh_views, write_raw_mesh
+from zeroshop_steps.surface.meshing.raw_mesh import OFFSET_VOXELS, read_mesh_views, sort_mesh, write_raw_mesh
 from zeroshop_steps.surface.meshing.silhouette_offset import fit_to_masks
 from zeroshop_steps.surface.mvs.depth_maps import look_up_depths
 from zeroshop_steps.surface.rendering.training_views import TrainingView
@@ -28,12 +30,8 @@ from zeroshop_steps.surface.svraster.voxels import Voxels, read_voxels
 # The bounds below were tuned on the demo mustard bottle. A step is the distance of two points of the lattice.
 REACH_STEPS = 4.0
 """Depth maps are averaged within this many steps around the surface that they show."""
-MIN_VIEWS = 2
-"""What fewer views see counts as hidden, so that one wrong depth digs no tunnel."""
 BAND_STEPS = 1.5
 """The density draws the surface within this many steps of the one that the depth maps show."""
-COSINE_MIN = 0.15
-"""Cosine of the angle between normal and viewing ray above which a face counts as facing a camera: 81 degrees."""
 SMOOTH_STEPS = 1.0
 """Standard deviation, in steps, by which values are smoothed: colour says nothing about ripples this fine."""
 CLIP = 4.0
@@ -62,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
     mesh, offset = fit_to_masks(mesh, views, limit=OFFSET_VOXELS * grid.step)
     mesh = keep_seen(mesh, views, depths, SEEN_STEPS * grid.step)
     if len(mesh.faces) == 0:
-        raise StepError(f"{args.model} has no surface that {MIN_VIEWS} views see; train longer or check masks and cameras")
+        raise StepError(f"{args.model} has no surface that {AGREEING_VIEWS} views see; train longer or check masks and cameras")
     write_raw_mesh(args.out, mesh, sphere, len(voxels), offset / grid.step, start_s)
 
 
@@ -82,13 +80,13 @@ def extract_surface(grid: DensityGrid, views: list[TrainingView], depths: list[n
     """
     points = grid.points(np.argwhere(np.ones(grid.values.shape, bool)))
     cameras, reach = [view.camera for view in views], REACH_STEPS * grid.step
-    values = -fuse_signed_distances(points, cameras, depths, reach, zero_is_free=True, min_views=MIN_VIEWS).reshape(grid.values.shape)
+    values = -fuse_signed_distances(points, cameras, depths, reach, zero_is_free=True, min_views=AGREEING_VIEWS).reshape(grid.values.shape)
     density = np.where(grid.covered, np.clip(grid.values - half_opacity_value(grid.step), -CLIP, CLIP), -CLIP)
     values = np.where(np.abs(values) < BAND_STEPS * grid.step, density, np.sign(values) * CLIP)
     values = gaussian_filter(values, SMOOTH_STEPS)
     outside = values.min()
     values[[0, -1]] = values[:, [0, -1]] = values[:, :, [0, -1]] = outside
-    mesh = marching_cubes(values.astype(np.float32))
+    mesh = extract_level_set(values.astype(np.float32))
     return mesh and Mesh(grid.points(mesh.vertices), mesh.faces)
 
 
@@ -100,34 +98,23 @@ def keep_seen(mesh: Mesh, views: list[TrainingView], depths: list[np.ndarray], r
     Args:
         depths: for each view, (H, W) depth of the surface, 0 where the view sees past the object.
     """
-    corners = mesh.vertices[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    normals, corners = mesh.face_normals(), mesh.vertices[mesh.faces[:, 0]]
     cosine, shown = np.full(len(normals), -1.0), np.zeros(len(mesh.vertices), int)
     for view, depth in zip(views, depths, strict=True):
-        towards = view.camera.centre_in_world - corners[:, 0]
+        towards = view.camera.centre_in_world - corners
         np.maximum(cosine, np.einsum("fi,fi->f", normals, towards) / np.linalg.norm(towards, axis=1), out=cosine)
         framed, surface, own = look_up_depths(view.camera, depth, mesh.vertices)
         shown[framed] += np.abs(surface - own) < reach
-    kept = (cosine > COSINE_MIN) & (shown[mesh.faces] >= MIN_VIEWS).all(axis=1)
-    used, faces = np.unique(mesh.faces[kept], return_inverse=True)
-    return Mesh(mesh.vertices[used], faces.reshape(-1, 3))
+    kept = (cosine > GRAZING_COSINE) & (shown[mesh.faces] >= AGREEING_VIEWS).all(axis=1)
+    return Mesh(mesh.vertices, mesh.faces[kept]).without_loose_vertices()
 
 
-def marching_cubes(values: np.ndarray) -> Mesh | None:
+def extract_level_set(values: np.ndarray) -> Mesh | None:
     """The surface where (X, Y, Z) float32 values pass zero, facing the negative side; None when there is none.
 
-    Vertices are in units of the lattice. Open3D's grid does the work: it takes distances that are negative inside.
+    Vertices are in units of the lattice.
     """
     if values.min() > 0 or values.max() < 0:
         return None
-    padded = np.pad(values, [(0, -size % GRID_BLOCK) for size in values.shape], constant_values=values.min())
-    x, y, z = (size // GRID_BLOCK for size in padded.shape)
-    blocks = padded.reshape(x, GRID_BLOCK, y, GRID_BLOCK, z, GRID_BLOCK).transpose(0, 2, 4, 5, 3, 1).reshape(x * y * z, -1)
-    keys = np.argwhere(np.ones((x, y, z), bool)).astype(np.int32)
-    shape = (len(keys), GRID_BLOCK, GRID_BLOCK, GRID_BLOCK, 1)
-    grid = make_tsdf_grid(1.0, len(keys))
-    places, _ = grid.hashmap().activate(o3d.core.Tensor(keys))
-    grid.attribute("tsdf")[places.to(o3d.core.int64)] = o3d.core.Tensor(-blocks.reshape(shape))
-    grid.attribute("weight")[places.to(o3d.core.int64)] = o3d.core.Tensor(np.ones(shape, np.float32))
-    return extract_mesh(grid, weight_min=0.5)
+    vertices, faces, _, _ = marching_cubes(-values, 0.0)
+    return sort_mesh(vertices.astype(float), faces.astype(np.int64))

@@ -14,7 +14,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.boards.board_files import BOARDS
 from zeroshop_steps.geometry.boards.printed_board import Board, draw_board
-from zeroshop_steps.geometry.cameras.pinhole import Camera, write_cameras
+from zeroshop_steps.geometry.cameras.pinhole import Camera, make_transform, write_cameras
 from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at, make_intrinsics
 from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
@@ -105,10 +105,9 @@ def compute_surface_from_board(mesh: Mesh, bounds: ObjectBounds, board: Board, g
     along = np.array([-outwards[1], outwards[0], 0.0])
     foot = np.array([bounds.centre_mm[0], bounds.centre_mm[1], bounds.bottom_mm])
     reach = float(((mesh.vertices - foot) @ outwards).max()) + gap_mm
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.stack([outwards, -along, np.cross(outwards, -along)], 1)
-    matrix[:3, 3] = foot + reach * outwards + along * board.size_mm[1] / 2
-    return matrix
+    return make_transform(
+        np.stack([outwards, -along, np.cross(outwards, -along)], 1), foot + reach * outwards + along * board.size_mm[1] / 2
+    )
 
 
 def paint_board(texture: np.ndarray, board: Board, surface_from_board: np.ndarray, bounds: ObjectBounds) -> None:

@@ -20,7 +20,7 @@ from zeroshop_steps.bop.formats.models import list_objects, read_models
 from zeroshop_steps.bop.formats.targets import LEAST_VISIBLE_SHARE, Target, write_targets
 from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
 from zeroshop_steps.geometry.cameras.pinhole import Camera
-from zeroshop_steps.geometry.imaging.images import write_depth_mm, write_image, write_mask
+from zeroshop_steps.geometry.imaging.images import DEPTH_STEP_MM, write_depth_mm, write_image, write_mask
 from zeroshop_steps.geometry.meshes.surface_parts import with_texture
 from zeroshop_steps.methods import RENDERERS
 from zeroshop_steps.runtime.files import atomic_directory, write_json
@@ -32,7 +32,6 @@ from zeroshop_steps.synthetic.scenes.table_scene import RgbdImage, TableScene
 
 OBJECTS = (5, 8)
 DISTRACTORS = (1, 3)
-DEPTH_SCALE = 0.1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -135,12 +134,12 @@ def write_frame(
         write_mask(folder / "mask" / f"{name}_{len(instances):06d}.png", found.silhouette)
         write_mask(folder / "mask_visib" / f"{name}_{len(instances):06d}.png", found.visible)
         instances.append(Instance(number, camera_from_model, found.info["visib_fract"], found.info))
-    return Frame(scene_id, image, intrinsics, DEPTH_SCALE, picture.camera.camera_from_world, tuple(instances), folder)
+    return Frame(scene_id, image, intrinsics, DEPTH_STEP_MM, picture.camera.camera_from_world, tuple(instances), folder)
 
 
 def make_camera_record(intrinsics: np.ndarray, width_px: int, height_px: int) -> dict:
     """The content of camera.json."""
     k = intrinsics
     return {
-        "cx": k[0, 2], "cy": k[1, 2], "depth_scale": DEPTH_SCALE, "fx": k[0, 0], "fy": k[1, 1], "height": height_px, "width": width_px,
+        "cx": k[0, 2], "cy": k[1, 2], "depth_scale": DEPTH_STEP_MM, "fx": k[0, 0], "fy": k[1, 1], "height": height_px, "width": width_px,
     }  # fmt: skip

@@ -13,12 +13,12 @@ from zeroshop_steps.bop.annotate import annotate
 from zeroshop_steps.bop.formats.bop_scenes import HALF_PX, Frame, Instance, write_scene
 from zeroshop_steps.bop.scoring.depth_render import DepthRenderer
 from zeroshop_steps.geometry.cameras.pinhole import Camera, read_sparse_model
-from zeroshop_steps.geometry.imaging.images import read_depth_mm, read_image, write_depth_mm, write_image, write_mask
+from zeroshop_steps.geometry.imaging.images import DEPTH_STEP_MM, read_depth_mm, read_image, write_depth_mm, write_image, write_mask
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.runtime.progress import track
-from zeroshop_steps.synthetic.make_test_scenes import DEPTH_SCALE, make_camera_record
+from zeroshop_steps.synthetic.make_test_scenes import make_camera_record
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -65,6 +65,6 @@ def write_training_scene(folder: Path, number: int, capture: Path, model: Path) 
         write_mask(folder / "mask" / f"{name}_000000.png", found.silhouette)
         write_mask(folder / "mask_visib" / f"{name}_000000.png", found.visible)
         instance = Instance(number, camera.camera_from_world, found.info["visib_fract"], found.info)
-        frames.append(Frame(number, image, camera.intrinsics - HALF_PX, DEPTH_SCALE, camera.camera_from_world, (instance,), folder))
+        frames.append(Frame(number, image, camera.intrinsics - HALF_PX, DEPTH_STEP_MM, camera.camera_from_world, (instance,), folder))
     write_scene(folder, frames)
     return camera

@@ -13,11 +13,10 @@ from zeroshop_steps.geometry.cameras.transforms import transform_points
 from zeroshop_steps.geometry.meshes.mesh_files import write_copy
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
-from zeroshop_steps.geometry.support.placements import Placement, placements_of_hull
+from zeroshop_steps.geometry.support.placements import LEAST_STABILITY_DEG, Placement, placements_of_hull
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 
-LEAST_STABILITY_DEG = 6.0  # a bottle on its cap falls over
 LEAST_TURN_DEG = 50.0  # less shows too little of the underside
 
 

@@ -14,7 +14,7 @@ from zeroshop_steps.geometry.cameras.pinhole import Camera, write_cameras
 from zeroshop_steps.geometry.imaging.images import write_depth_mm, write_image, write_mask
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.meshes.surface_parts import with_texture
-from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import OBJECT_SIZES_M, Mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.runtime.progress import track
@@ -34,7 +34,6 @@ Lay = Callable[[Mesh, ObjectBounds], Callable[[np.ndarray], None]]  # given the 
 Render = Callable[
     [list[SceneMesh], ObjectBounds, Sequence[Camera]], Iterable[RenderedView]
 ]  # the pictures of these cameras, in their order
-LARGEST_SIDE_MM = (5.0, 3000.0)  # of a model; beyond, its unit is hardly millimetres
 
 
 def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
@@ -153,8 +152,8 @@ def measure_bounds(mesh: Mesh, model: Path, front_azimuth_deg: float) -> ObjectB
     largest_mm = float((high - low).max())
     if largest_mm == 0.0:
         raise StepError(f"{model} has no size: all of its vertices are one point; export the model again")
-    if not LARGEST_SIDE_MM[0] <= largest_mm <= LARGEST_SIDE_MM[1]:
-        expected = "{:g}..{:g} mm".format(*LARGEST_SIDE_MM)
+    if not OBJECT_SIZES_M[0] <= largest_mm / 1000 <= OBJECT_SIZES_M[1]:
+        expected = "{:g}..{:g} mm".format(*(1000 * size_m for size_m in OBJECT_SIZES_M))
         raise StepError(f"{model}: its largest dimension is {largest_mm:g}; expected {expected}. Convert the model to millimetres.")
     return ObjectBounds((low + high) / 2, largest_mm, float(low[2]), front_azimuth_deg)
 

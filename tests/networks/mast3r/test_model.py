@@ -7,8 +7,7 @@ import torch
 from helpers.mast3r_cases import SMALL, images, parameters, unfolded
 from helpers.paths import PARITY
 from helpers.seeded import relative_error, seeded_tensor
-from zeroshop_steps.networks.mast3r.model import MASt3R, Mast3rSettings, count_patches, load_mast3r
-from zeroshop_steps.networks.mast3r.transformer import compute_rotary_factors, rotate
+from zeroshop_steps.networks.mast3r.model import MASt3R, Mast3rSettings, count_patches, load_mast3r, rotate_by_place
 from zeroshop_steps.networks.weights import read_table
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
@@ -50,14 +49,14 @@ def test_the_published_size_has_the_names_and_shapes_of_the_checkpoint():
 
 def test_modules_agree_with_the_reference(network, encoded, recorded):
     (first, grid), (second, other_grid) = encoded
-    rotation, other_rotation = (compute_rotary_factors(*size, 16) for size in (grid, other_grid))
+    rotation, other_rotation = (rotate_by_place(size, 16) for size in (grid, other_grid))
     layers, other_layers = network.decode(first, second, grid, other_grid)
     head = network.downstream_head1
     found = {
-        "rotary": rotate(seeded_tensor("queries", (1, 2, first.shape[1], 32)), compute_rotary_factors(*grid, 32)),
+        "rotary": rotate_by_place(grid, 32)(seeded_tensor("queries", (1, 2, first.shape[1], 32))),
         "patches": network.patch_embed(images()[0]),
         "encoder": first,
-        "encoder_block": network.enc_blocks[0](first, compute_rotary_factors(*grid, 32)),
+        "encoder_block": network.enc_blocks[0](first, rotate_by_place(grid, 32)),
         "decoder_block": network.dec_blocks[0](layers[-1], other_layers[-1], rotation, other_rotation),
         "decoder0": torch.cat([layers[5], layers[-1]]),
         "decoder1": torch.cat([other_layers[5], other_layers[-1]]),

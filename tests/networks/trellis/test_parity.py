@@ -10,7 +10,7 @@ from helpers.named_parameters import fill, noise
 from helpers.paths import PARITY
 from helpers.small_trellis import SMALL, make_networks
 from zeroshop_steps.networks.trellis.decoders import find_surface_voxels
-from zeroshop_steps.networks.trellis.sampler import follow_flow
+from zeroshop_steps.networks.trellis.generator import follow_flow
 from zeroshop_steps.networks.trellis.settings import TrellisSettings
 from zeroshop_steps.networks.trellis.sparse import Pooling, SparseVoxels
 from zeroshop_steps.networks.weights import look_up_weights

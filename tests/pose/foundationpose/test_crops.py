@@ -10,9 +10,7 @@ from zeroshop_steps.bop.formats.symmetry import list_symmetry_transforms
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.networks.foundationpose.settings import CROP_PX, LARGEST_TURN_RAD
 from zeroshop_steps.pose.foundationpose.crops import FOR_REFINER, FOR_SCORER, PLAIN, DrawnModel, Observation, cut_pairs
-from zeroshop_steps.pose.foundationpose.depth_filter import filter_depth
-from zeroshop_steps.pose.foundationpose.poses import apply_update
-from zeroshop_steps.pose.foundationpose.start_poses import estimate_centre, make_rotations
+from zeroshop_steps.pose.foundationpose.estimator import apply_update, estimate_centre, filter_depth, make_rotations
 
 CPU = torch.device("cpu")
 

@@ -9,7 +9,7 @@ from helpers.printed_box import INTRINSICS, make_box, view
 from helpers.true_networks import TrueNetworks
 from zeroshop_steps.bop.formats.models import ObjectModel
 from zeroshop_steps.bop.scoring.pose_error import ModelPoints, mssd
-from zeroshop_steps.pose.foundationpose import start_poses
+from zeroshop_steps.pose.foundationpose import estimator
 from zeroshop_steps.pose.foundationpose.estimator import FoundationPoseModel, PoseEstimator
 
 CPU = torch.device("cpu")
@@ -26,7 +26,7 @@ def model() -> ObjectModel:
 def ready(model) -> FoundationPoseModel:
     """With some 20 hypotheses, 70 degrees apart, instead of 252."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(start_poses, "SAME_TURN_DEG", 70.0)
+        patch.setattr(estimator, "SAME_TURN_DEG", 70.0)
         return FoundationPoseModel(model, CPU)
 
 

@@ -17,9 +17,8 @@ from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
 from zeroshop_steps.networks import devices, weights
 from zeroshop_steps.networks.foundationpose import onnx_pairs
 from zeroshop_steps.networks.foundationpose.model import ScoreNet
-from zeroshop_steps.pose.foundationpose import networks, start_poses
-from zeroshop_steps.pose.foundationpose.estimator import PoseEstimator
-from zeroshop_steps.pose.foundationpose.start_poses import make_rotations
+from zeroshop_steps.pose.foundationpose import estimator, networks
+from zeroshop_steps.pose.foundationpose.estimator import PoseEstimator, make_rotations
 from zeroshop_steps.runtime.cli import stage_main
 
 
@@ -35,7 +34,7 @@ def small(made, tmp_path, monkeypatch):
     """A dataset and weights of this test's own; a few hypotheses instead of 252."""
     shutil.copytree(made.folder, tmp_path / "data")
     monkeypatch.chdir(tmp_path / "data")
-    monkeypatch.setattr(start_poses, "SAME_TURN_DEG", 100.0)
+    monkeypatch.setattr(estimator, "SAME_TURN_DEG", 100.0)
     return dataset_in(tmp_path / "data")
 
 

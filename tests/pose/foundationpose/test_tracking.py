@@ -14,7 +14,7 @@ from helpers.true_networks import TrueNetworks
 from zeroshop_steps.bop.formats.estimates import read_estimates
 from zeroshop_steps.bop.formats.targets import Target, write_targets
 from zeroshop_steps.bop.scoring.pose_error import ModelPoints, mssd
-from zeroshop_steps.pose.foundationpose import start_poses
+from zeroshop_steps.pose.foundationpose import estimator
 from zeroshop_steps.pose.foundationpose.estimator import FoundationPoseModel, PoseEstimator
 from zeroshop_steps.runtime.cli import stage_main
 
@@ -23,7 +23,7 @@ CPU = torch.device("cpu")
 
 @torch.inference_mode()
 def test_a_box_that_moves_is_followed_with_one_refinement_a_frame(monkeypatch):
-    monkeypatch.setattr(start_poses, "SAME_TURN_DEG", 120.0)
+    monkeypatch.setattr(estimator, "SAME_TURN_DEG", 120.0)
     model = make_box()
     ready = FoundationPoseModel(model, CPU)
     pose, rng = np.eye(4), np.random.default_rng(0)
@@ -47,7 +47,7 @@ def film(tmp_path, monkeypatch):
     write_checkpoints(tmp_path)
     make_dataset(tmp_path)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(start_poses, "SAME_TURN_DEG", 120.0)
+    monkeypatch.setattr(estimator, "SAME_TURN_DEG", 120.0)
     return dataset_in(tmp_path)
 
 

@@ -5,7 +5,7 @@ import pycolmap
 import pytest
 
 from register.verification.test_covisibility import look_at_middle
-from zeroshop_steps.register.verification.film_path import find_jump
+from zeroshop_steps.register.verification.consistency import find_jump
 
 
 def film_of(azimuths_deg: dict[int, float]) -> pycolmap.Reconstruction:

@@ -19,10 +19,9 @@ from zeroshop_steps.surface.svraster.density_grid import DensityGrid, fuse_signe
 from zeroshop_steps.surface.svraster.initialization import initialize_voxels
 from zeroshop_steps.surface.svraster.octree import CELLS, Octree
 from zeroshop_steps.surface.svraster.settings import VoxelSettings
-from zeroshop_steps.surface.svraster.subdivide import prune_and_subdivide
-from zeroshop_steps.surface.svraster.train import BETAS, LEARNING_RATES, VoxelTrainer
+from zeroshop_steps.surface.svraster.train import BETAS, LEARNING_RATES, VoxelTrainer, prune_and_subdivide
 from zeroshop_steps.surface.svraster.voxels import Voxels, read_voxels, write_voxels
-from zeroshop_steps.surface.svraster_mesh import extract_surface, keep_seen, marching_cubes, render_depth
+from zeroshop_steps.surface.svraster_mesh import extract_level_set, extract_surface, keep_seen, render_depth
 from zeroshop_steps.surface.training.optimizer import ResizableAdam
 from zeroshop_steps.surface.training.trainer import ViewPyramid
 
@@ -116,7 +115,7 @@ def test_no_crack_opens_where_levels_meet() -> None:
     values = RADIUS - np.linalg.norm(octree.corner_points * (2.0 / CELLS) - 1.0, axis=1)
     field = DensityGrid.from_octree(octree, values.astype(np.float32), border=1)
     assert field.covered[1:-1, 1:-1, 1:-1].all() and not field.covered[0].any()
-    mesh = marching_cubes(np.where(field.covered, field.values, -1.0).astype(np.float32))
+    mesh = extract_level_set(np.where(field.covered, field.values, -1.0).astype(np.float32))
     mesh = Mesh(field.points(mesh.vertices), mesh.faces)
     assert watertight(mesh) and len(as_trimesh(mesh).split()) == 1
     assert np.abs(np.linalg.norm(mesh.vertices, axis=1) - RADIUS).max() < 0.01
@@ -264,8 +263,8 @@ def test_what_too_few_cameras_see_is_left_out(ball: tuple) -> None:
     assert len(keep_seen(mesh, views[:1], depths[:1], reach=0.1).faces) == 0, "one view is not enough"
 
 
-def test_marching_cubes_faces_outwards() -> None:
+def test_extract_level_set_faces_outwards() -> None:
     grid = np.stack(np.meshgrid(*[np.arange(n) for n in (20, 33, 17)], indexing="ij"), -1)
-    mesh = marching_cubes((6.0 - np.linalg.norm(grid - [9.0, 16.0, 8.0], axis=-1)).clip(-4, 4).astype(np.float32))
+    mesh = extract_level_set((6.0 - np.linalg.norm(grid - [9.0, 16.0, 8.0], axis=-1)).clip(-4, 4).astype(np.float32))
     assert watertight(mesh) and trimesh.Trimesh(mesh.vertices, mesh.faces).volume == pytest.approx(4 / 3 * np.pi * 6**3, rel=0.03)
-    assert marching_cubes(np.full((8, 8, 8), -1.0, np.float32)) is None
+    assert extract_level_set(np.full((8, 8, 8), -1.0, np.float32)) is None

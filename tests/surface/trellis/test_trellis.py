@@ -23,8 +23,7 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.surface.rendering.training_views import read_camera_set
 from zeroshop_steps.surface.trellis.alignment import PhotoAligner
-from zeroshop_steps.surface.trellis.reconstruct import choose_generation
-from zeroshop_steps.surface.trellis.view_choice import choose_opposite_views
+from zeroshop_steps.surface.trellis.reconstruct import choose_generation, choose_opposite_views
 
 SLIGHT = Deformation((0.02, -0.02, 0.01), 0.01, 0.03, 0.9)
 SQUASHED = Deformation((0.0, 0.0, -0.3), 0.0, 0.03)
@@ -40,7 +39,7 @@ def coarse():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(photo_fit, "COMPARED_PX", 120)
-        patch.setattr(alignment, "HULL_VOXELS", 48)
+        patch.setattr(alignment, "COARSE_VOXELS", 48)
         patch.setattr(alignment, "SAMPLES", 1000)
         patch.setattr(similarity_search, "DIRECTIONS", 30)
         patch.setattr(similarity_icp, "TRIED", 2)

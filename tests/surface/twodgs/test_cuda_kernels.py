@@ -11,9 +11,8 @@ from zeroshop_steps.runtime.compute.kernel_devices import has_cuda
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.surface.rendering.tiling import tiles_of
 from zeroshop_steps.surface.twodgs.kernels import layout, project, tiles
-from zeroshop_steps.surface.twodgs.kernels.device_lists import list_slots_by_tile
 from zeroshop_steps.surface.twodgs.render import RenderView, render
-from zeroshop_steps.surface.twodgs.renderers import CpuRenderer, CudaRenderer, make_renderer
+from zeroshop_steps.surface.twodgs.renderers import CpuRenderer, CudaRenderer, list_slots_by_tile, make_renderer
 
 WIDTH_PX, HEIGHT_PX, SPLATS = 20, 10, 24
 

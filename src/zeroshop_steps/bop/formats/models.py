@@ -13,10 +13,9 @@ from scipy.spatial.distance import pdist
 from zeroshop_steps.bop.formats.schema import read_validated
 from zeroshop_steps.bop.formats.symmetry import check_symmetries, list_symmetry_transforms
 from zeroshop_steps.geometry.meshes.mesh_files import SUFFIXES, find_mesh, read_mesh
-from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, diameter_of
+from zeroshop_steps.geometry.meshes.triangle_meshes import OBJECT_SIZES_M, Mesh, diameter_of
 from zeroshop_steps.runtime.errors import StepError, warn
 
-PLAUSIBLE_DIAMETER_MM = (10.0, 3000.0)  # outside, a model is not in millimetres
 SAME_DIAMETER = (0.95, 1.05)  # ratio to models_info.json; simplified meshes (models_eval) differ by less
 SAME_DIAGONAL = (0.99, 1.01)  # the same of the diagonal of the bounding box
 MOST_CORNERS = 4000  # of the convex hull that are compared in pairs, 64 MB of distances
@@ -131,7 +130,7 @@ def check_diameter_mm(path: Path, mesh: Mesh, listed_mm: float | None) -> float:
         StepError: the mesh has another unit, or models_info.json belongs to other models.
     """
     measured_mm = measure_diameter_mm(mesh.vertices)
-    smallest, largest = PLAUSIBLE_DIAMETER_MM
+    smallest, largest = (1000 * size_m for size_m in OBJECT_SIZES_M)
     if not smallest <= measured_mm <= largest:
         raise StepError(
             f"model {path} measures {measured_mm:.4g} across; expected {smallest:g} to {largest:g} mm. Convert it to millimetres."

@@ -6,9 +6,8 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras.transforms import transform_points
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.rendering.rasterization import NEAREST
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
-
-NEAREST_MM = 1e-3  # corners of the box closer to the camera plane have no usable projection
 
 
 @dataclass(frozen=True)
@@ -61,9 +60,9 @@ class DepthRenderer:
     def _box(self, camera_from_model: np.ndarray, intrinsics: np.ndarray, width_px: int, height_px: int) -> tuple[int, int, int, int]:
         """(left, top, right, bottom) of the image that the model's bounding box covers."""
         corners = transform_points(self._corners, camera_from_model)
-        if (corners[:, 2] < NEAREST_MM).all():
+        if (corners[:, 2] < NEAREST).all():
             return 0, 0, 0, 0
-        if (corners[:, 2] < NEAREST_MM).any():
+        if (corners[:, 2] < NEAREST).any():
             return 0, 0, width_px, height_px
         projected = corners @ intrinsics.T
         pixels = projected[:, :2] / projected[:, 2:]

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.support.ground_plane import DEVIATION_OF_MEDIAN
+from zeroshop_steps.geometry.alignment.robust_estimates import robust_deviation
+from zeroshop_steps.geometry.observation.visibility import EDGE_ON_COSINE
 from zeroshop_steps.runtime.errors import StepError
 
 # Chosen on six virtual tables of the demo objects, the test set with seed 1 (docs/results.md, "Detection and poses").
@@ -18,7 +19,6 @@ TRIALS, SAMPLES = 400, 4000  # of RANSAC: planes that are tried, and pixels that
 DEGENERATE = 1e-3  # of the squared extent, twice the area of three pixels below which they fix no plane
 PLANE_TOLERANCE = 0.006  # of the depth; a pixel closer to a plane votes for it: 6 mm at 1 m
 LEAST_SHARE = 0.08  # of the measured pixels; planes with fewer are not looked for
-LEAST_COSINE = 0.05  # between ray and plane; bounds the area that a pixel of a plane seen edge-on stands for
 NOISE_DEVIATIONS, LOWEST_MM = 5.0, 3.0  # a pixel stands on a plane if it is higher than both, in standard deviations and in mm
 MEDIAN_PX, SMOOTHED_PX = 5, 2.0  # window of the median that removes single wrong depths, and the Gaussian before slopes are taken
 
@@ -100,13 +100,13 @@ def find_ground(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: float)
         for _ in range(3):
             plane = np.linalg.lstsq(pixels[near], 1.0 / depths[near], rcond=None)[0]
             residual = 1.0 / depths - pixels @ plane
-            spread = max(DEVIATION_OF_MEDIAN * float(np.median(np.abs(residual[near]))), 1e-9)
+            spread = max(robust_deviation(residual[near]), 1e-9)
             near = open_ & (np.abs(residual) < NOISE_DEVIATIONS * spread)
         # In camera coordinates the plane is n . X = 1 with n = K' plane.
         steepness = np.linalg.norm(intrinsics.T @ plane)
         height_mm, noise_mm = residual * depths / steepness, spread * depths / steepness
         # A pixel covers depth^2 / (f_x f_y) of a plane across its ray, and more of an oblique one.
-        cosines = np.clip(np.abs(pixels @ plane) / steepness / lengths, LEAST_COSINE, 1)
+        cosines = np.clip(np.abs(pixels @ plane) / steepness / lengths, EDGE_ON_COSINE, 1)
         if (depths**2 / (intrinsics[0, 0] * intrinsics[1, 1] * cosines))[near].sum() > np.pi / 4 * largest_mm**2:
             free = free & (height_mm > np.maximum(LOWEST_MM, NOISE_DEVIATIONS * noise_mm))
         open_ = open_ & free & ~near

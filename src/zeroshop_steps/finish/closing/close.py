@@ -22,9 +22,12 @@ import numpy as np
 
 from zeroshop_steps.finish.clean import simplify
 from zeroshop_steps.finish.closing.underside import STATES, Underside, close_underside, find_open_borders, leave_open, make_plane_axes
-from zeroshop_steps.geometry.alignment.surface_distance import SEEN_BY, count_seeing_views, measure_distances
+from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_VIEWS
+from zeroshop_steps.geometry.alignment.surface_distance import count_seeing_views, measure_distances
 from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.meshes.meshlab import VOXEL_STEPS
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.observation.visibility import VISIBLE_SHARE
 from zeroshop_steps.surface.mvs.seeds import read_confirmed_points
 
 if TYPE_CHECKING:
@@ -42,10 +45,6 @@ UPRIGHT_CERTAINTY, FLOOR_DIAGONALS = 0.9, 0.005
 """Where cameras were held as upright as this (1: all agree), nothing is closed farther below the mesh than this."""
 HOLLOWS = ("opened", "kept")
 """What is done with lids over plain hollows."""
-SMOOTHING_STEPS = 5
-"""Taubin steps that take the steps of the voxels away from the closed surface."""
-ADDED_DIAGONALS = 0.005
-"""A face farther than this from the measured surface, in diagonals of the object, was added."""
 
 
 @dataclass(frozen=True)
@@ -159,10 +158,10 @@ def close_by_generated(
     from zeroshop_steps.finish.closing.watertight import close_surface
 
     proposal = propose(mesh, views, confirmed, generated)
-    closed = simplify(close_surface(proposal.measured, views, plane, proposal.shape), max_faces, SMOOTHING_STEPS)
+    closed = simplify(close_surface(proposal.measured, views, plane, proposal.shape), max_faces, VOXEL_STEPS)
     diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    closed = MeasuredSurface(proposal.measured).snapped(closed, ADDED_DIAGONALS * diagonal).with_normals()
-    kept = measure_distances(proposal.measured, closed.vertices[closed.faces].mean(1)) <= ADDED_DIAGONALS * diagonal
+    closed = MeasuredSurface(proposal.measured).snapped(closed, VISIBLE_SHARE * diagonal).with_normals()
+    kept = measure_distances(proposal.measured, closed.vertices[closed.faces].mean(1)) <= VISIBLE_SHARE * diagonal
     whole, underside = _with_unseen_last(closed, kept, len(find_open_borders(proposal.measured.faces)))
     return whole, underside, {"fit_diagonals": round(proposal.distance / diagonal, 5), "lids_share": round(proposal.lids, 5)}
 
@@ -237,7 +236,7 @@ def _triangulate(vertices: np.ndarray, border: np.ndarray) -> np.ndarray | None:
     return border[::-1][index]
 
 
-def _is_seen(mesh: Mesh, faces: np.ndarray, views: Sequence[View], photos: int = SEEN_BY) -> np.ndarray:
+def _is_seen(mesh: Mesh, faces: np.ndarray, views: Sequence[View], photos: int = AGREEING_VIEWS) -> np.ndarray:
     """(F,) bool: which of (F, 3) faces of the mesh at least so many photos see at their middle."""
     middle = mesh.vertices[faces].mean(1)
     part = Mesh(mesh.vertices, faces)
@@ -255,9 +254,9 @@ def close_in_space(mesh: Mesh, views: Sequence[View], plane: "GroundPlane | None
     """The mesh with all holes closed, its added and unseen faces last, and what these are."""
     from zeroshop_steps.finish.closing.watertight import close_surface
 
-    closed = simplify(close_surface(mesh, views, plane), max_faces, SMOOTHING_STEPS).with_normals()
+    closed = simplify(close_surface(mesh, views, plane), max_faces, VOXEL_STEPS).with_normals()
     diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    added = measure_distances(mesh, closed.vertices[closed.faces].mean(1)) > ADDED_DIAGONALS * diagonal
+    added = measure_distances(mesh, closed.vertices[closed.faces].mean(1)) > VISIBLE_SHARE * diagonal
     seen = ~added
     seen[added] = _is_seen(closed, closed.faces[added], views)
     return _with_unseen_last(closed, seen, len(find_open_borders(mesh.faces)))

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zeroshop_steps.geometry.alignment.similarity_icp import SimilarityRefiner
+from zeroshop_steps.geometry.alignment.similarity_icp import SAMPLES, SimilarityRefiner
+from zeroshop_steps.geometry.alignment.similarity_search import LEAST_SCALE_CHANGE
 from zeroshop_steps.geometry.alignment.surface_distance import measure_distances
 from zeroshop_steps.geometry.alignment.surface_points import SurfacePoints, sample_surface_points
 from zeroshop_steps.geometry.cameras.registered_views import View
@@ -22,14 +23,10 @@ from zeroshop_steps.geometry.observation.vertex_support import classify_surface_
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
-SAMPLES = 8000
-"""On either surface, when they are fitted."""
 LEAST_MEASURED = 0.1
 """Share of the surface that must be measured for a shape to be fitted to it."""
 FARTHEST_DIAGONALS = 0.05
 """Mean distance of the generated from the measured surface beyond which it is another shape, in diagonals of the object."""
-MOST_GROWTH = 1.25
-"""It was fitted to the same photos, so that its size is nearly right."""
 LID_DIAGONALS = 0.02
 """Assumed surface this far in front of the generated shape, in diagonals of the object, is a lid."""
 
@@ -92,7 +89,7 @@ def propose(mesh: Mesh, views: Sequence[View], confirmed: np.ndarray, generated:
     placed_from_generated = _fit(generated, ours)
     placed = Mesh(transform_points(generated.vertices, placed_from_generated), generated.faces)
     distance, scale = float(measure_distances(placed, ours.points).mean()), compute_scale(placed_from_generated)
-    if distance > FARTHEST_DIAGONALS * diagonal or not 1 / MOST_GROWTH < scale < MOST_GROWTH:
+    if distance > FARTHEST_DIAGONALS * diagonal or not LEAST_SCALE_CHANGE < scale < 1 / LEAST_SCALE_CHANGE:
         raise StepError(
             f"the generated mesh, scaled by {scale:.2f}, lies {distance / diagonal:.1%} of the object's diagonal from the measured surface"
             f" in the mean; {FARTHEST_DIAGONALS:.0%} and a scale near 1 are allowed: it is another shape; use finish.unseen: smooth"

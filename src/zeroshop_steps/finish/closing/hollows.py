@@ -21,15 +21,14 @@ from scipy.spatial import cKDTree
 from zeroshop_steps.finish.closing.vessel import Vessel, measure_vessel
 from zeroshop_steps.finish.texturing.colour_consistency import Photos, Pixels, see
 from zeroshop_steps.geometry.cameras.registered_views import View
-from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import FACING_COSINE, Mesh
+from zeroshop_steps.geometry.observation.vertex_support import NEAR_DIAMETERS
+from zeroshop_steps.geometry.observation.visibility import VISIBLE_SHARE
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 # Lengths in diagonals of the mesh, deviations of colours in grey levels of 255. All were set on the demo mug and bowl.
-NEAR_DIAGONALS = 0.015
-"""Surface this near to a confirmed point is confirmed."""
 LID_SHARE = 0.15
 """Of the surface that faces up, seen from above: with less of it unconfirmed, there is no lid."""
-UP_COSINE = 0.5
 THINNEST_VOXELS, WALL_STEP, FINE_STEP = 0.75, 1.4, 1.12
 """Walls that are tried: the thinnest, the factor between them, and that of a second search around the best."""
 TAPERS, TAPER_GAIN = (0.05, 0.1, 0.15), 0.05
@@ -44,8 +43,6 @@ SWALLOWED_DIAGONALS, SWALLOWED_SHARE, STRAY_SHARE = 0.007, 0.05, 0.001
 """Confirmed points this deep in a cavity are swallowed. So many may be wrong: a share of those near its surface, and of all."""
 STEP_SHARE = 1 / 90
 """Pixels are taken this far apart, in square roots of the area of the mask."""
-CHANGED_DIAGONALS = 0.004
-"""Pixels that see at least this much farther into the widest cavity look into it."""
 PIXELS = 300
 """In each photo, at most."""
 LEAST_PIXELS, LEAST_PHOTOS, LEAST_KNOWN = 200, 3, 0.5
@@ -97,10 +94,10 @@ def open_hollow(mesh: Mesh, views: Sequence[View], confirmed: np.ndarray, up: np
 def _may_have_lid(mesh: Mesh, confirmed: np.ndarray, up: np.ndarray) -> bool:
     """Whether enough of the surface that faces up was not confirmed."""
     flat = mesh.face_areas() * (mesh.face_normals() @ up)
-    top = np.flatnonzero(mesh.face_normals() @ up > UP_COSINE)
+    top = np.flatnonzero(mesh.face_normals() @ up > FACING_COSINE)
     if not len(confirmed) or not len(top):
         return bool(len(top))
-    reach = NEAR_DIAGONALS * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    reach = NEAR_DIAMETERS * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
     alone = np.isinf(cKDTree(confirmed).query(mesh.vertices[mesh.faces[top]].mean(1), distance_upper_bound=reach)[0])
     return bool(flat[top][alone].sum() > LID_SHARE * flat[top].sum())
 
@@ -206,7 +203,7 @@ class _Search:
         """Pixels that look into the widest cavity, and others, to compare with."""
         pixels = self.photos.pixels(STEP_SHARE)
         now, then = (see(scene, self.photos.cameras, pixels) for scene in (self.surface, widest))
-        farther = now.hit & (np.linalg.norm(then.place - now.place, axis=1) > CHANGED_DIAGONALS * self.vessel.diagonal)
+        farther = now.hit & (np.linalg.norm(then.place - now.place, axis=1) > VISIBLE_SHARE * self.vessel.diagonal)
         return _thin_out(pixels.chosen(farther)), _thin_out(pixels.chosen(now.hit & ~farther))
 
 

@@ -17,18 +17,17 @@ from skimage.measure import marching_cubes
 
 from zeroshop_steps.finish.clean import simplify
 from zeroshop_steps.finish.closing.underside import make_plane_axes
-from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import SAME_SIDE_COSINE, Mesh
+from zeroshop_steps.geometry.observation.visual_hull import COARSE_VOXELS
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
-VOXELS = 96
-"""Along the longest side. Distances are exact, so the wall may be thinner than a few voxels."""
 RIM_VOXELS = 2
 """The highest section that is used lies this far below the top: rims are rounded."""
 NARROW_SHARE = 0.4
 """Parts of a section narrower than this share of its widest part are no part of the body: handles, ears."""
 CLOSED_VOXELS = 2
 """Gaps in a section's outline up to twice this wide are closed."""
-OUTSIDE_VOXELS, FACING_COSINE = 1.75, 0.7
+OUTSIDE_VOXELS = 1.75
 """A face of the mesh within this distance of the side of the sections belongs to the outside of the wall, if it faces away from the
 inside within 45 degrees: the lip does not."""
 ATTACHED_VOXELS = 0.5
@@ -37,8 +36,6 @@ WIDEST_WALL = 0.35
 """Of the largest distance from the outside: thicker walls leave no vessel."""
 LEAST_MOUTH = 0.12
 """Radius of the largest circle in the section at the rim, in diagonals of the mesh; below, nothing could be seen inside."""
-UNDERSIDE_COSINE = 0.7
-"""Faces near the lowest point that face down by this are the underside, which is no wall."""
 CAVITY_FACES, LEAST_FACES = 0.4, 2000
 """Triangles of a cavity, as a share of those that the mesh has on the same area, and the fewest."""
 
@@ -151,7 +148,7 @@ def _stand_up(mesh: Mesh, up: np.ndarray) -> tuple[np.ndarray, np.ndarray, float
     """(V, 3) vertices in the upright frame, their lowest corner (3,), the side of a voxel, the rim's height, and the diagonal."""
     points = mesh.vertices @ _upright(up).T
     size = np.ptp(points, axis=0)
-    side = float(size.max()) / VOXELS
+    side = float(size.max()) / COARSE_VOXELS
     return points, points.min(0), side, float(points[:, 2].max()) - RIM_VOXELS * side, float(np.linalg.norm(size))
 
 
@@ -188,8 +185,8 @@ def _measure_depth(body: np.ndarray, mesh: Mesh, first: np.ndarray, side: float)
     cell = tuple(np.clip(np.rint((middle - first) / side).astype(int), 0, np.array(body.shape) - 1).T)
     inwards = np.stack([ndimage.uniform_filter(slope, 3)[cell] for slope in np.gradient(depth, side)], 1)
     inwards /= np.maximum(np.linalg.norm(inwards, axis=1, keepdims=True), 1e-12)
-    outside = (depth[cell] < OUTSIDE_VOXELS * side) & (np.einsum("fc,fc->f", normals, inwards) < -FACING_COSINE)
-    outside &= (middle[:, 2] > mesh.vertices[:, 2].min() + 2 * side) | (normals[:, 2] > -UNDERSIDE_COSINE)
+    outside = (depth[cell] < OUTSIDE_VOXELS * side) & (np.einsum("fc,fc->f", normals, inwards) < -SAME_SIDE_COSINE)
+    outside &= (middle[:, 2] > mesh.vertices[:, 2].min() + 2 * side) | (normals[:, 2] > -SAME_SIDE_COSINE)
     if outside.any():
         near = np.argwhere((depth > 0) & (depth < WIDEST_WALL * depth.max() + 2 * side))
         wall = ray_caster((mesh.vertices, mesh.faces[outside]))

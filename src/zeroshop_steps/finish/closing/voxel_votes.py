@@ -7,17 +7,13 @@ import cv2
 import numba
 import numpy as np
 
-from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.finish.clean import RENDER_PX
 from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.cameras.transforms import CROP_MARGIN, shrink_camera
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.observation.visibility import MIXED_PX
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 
-ROOM = 1.12
-"""Side of the block of voxels, in the longest side of the mesh's box."""
-VOTING_PX = 480
-"""Longest side of the pictures that vote: about a coarse voxel a pixel and a half."""
-MASK_MARGIN_PX = 1.5
-"""A pixel this far outside a mask shows that the object is not there."""
 FRONT_VOXELS, BEHIND_VOXELS = 1.5, (0.5, 4.0)
 """A voxel this far in front of measured surface is seen through; between these behind it, solid."""
 
@@ -34,7 +30,7 @@ class Grid:
     def around(mesh: Mesh, count: int) -> "Grid":
         """A block about the mesh's box, with room."""
         low, high = mesh.vertices.min(0), mesh.vertices.max(0)
-        extent = ROOM * float((high - low).max())
+        extent = CROP_MARGIN * float((high - low).max())
         return Grid((low + high) / 2 - extent / 2 + extent / count / 2, extent / count, count)
 
     def centres(self, index: np.ndarray) -> np.ndarray:
@@ -58,7 +54,7 @@ def cast_votes(grid: Grid, mesh: Mesh, views: Sequence[View]) -> Votes:
     shape = (grid.count,) * 3
     votes = Votes(*(np.zeros(shape, np.uint8) for _ in range(4)))
     for view in views:
-        camera = _voting_camera(view.camera)
+        camera = shrink_camera(view.camera, RENDER_PX)
         size = (camera.width_px, camera.height_px)
         mask = cv2.resize(view.mask().astype(np.uint8) * 255, size, interpolation=cv2.INTER_AREA) > 127
         hits = renderer.cast_rays(camera)
@@ -68,14 +64,9 @@ def cast_votes(grid: Grid, mesh: Mesh, views: Sequence[View]) -> Votes:
         # Through a hole one sees the surface from behind: it says nothing of what lies before it.
         depth[hits.mask] = np.where(np.einsum("pc,pc->p", normals[face], towards) > 0, hits.depth[hits.mask], 0.0)
         off_px = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
-        limits = np.array([MASK_MARGIN_PX, FRONT_VOXELS * grid.side, BEHIND_VOXELS[0] * grid.side, BEHIND_VOXELS[1] * grid.side])
+        limits = np.array([MIXED_PX, FRONT_VOXELS * grid.side, BEHIND_VOXELS[0] * grid.side, BEHIND_VOXELS[1] * grid.side])
         _vote(grid.first, grid.side, camera.row, off_px, depth, limits, votes.framed, votes.outside, votes.empty, votes.solid)
     return votes
-
-
-def _voting_camera(camera: Camera) -> Camera:
-    scale = min(1.0, VOTING_PX / max(camera.width_px, camera.height_px))
-    return camera.resized(max(1, round(camera.width_px * scale)), max(1, round(camera.height_px * scale)))
 
 
 @numba.njit(cache=True, parallel=True)

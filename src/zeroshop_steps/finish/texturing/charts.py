@@ -9,22 +9,19 @@ from numba import njit
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from zeroshop_steps.geometry.meshes.surface_fields import build_neighbour_matrix, smooth
-from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
+from zeroshop_steps.geometry.meshes.surface_fields import BROAD_SMOOTHING, LIGHT_SMOOTHING, build_neighbour_matrix, smooth
+from zeroshop_steps.geometry.meshes.triangle_meshes import FACING_COSINE, Mesh
+from zeroshop_steps.geometry.observation.visibility import GRAZING_COSINE
 
 # A step averages over direct neighbours, so its reach grows with the edges. The numbers of steps suit meshes of about 45,000 faces.
 SMOOTHING = 15  # steps for the copy that gives the directions; fewer leave bumps that break charts, more round the object's edges
-LIGHT_SMOOTHING = 2  # steps for the positions that are flattened; more would bend straight print
 DIRECTIONS = 14  # at most, before those are merged that are close
 MERGE_DEG = 30.0  # directions closer than this become one: a projection shows a face 30 degrees off with 87 % of its width
-LABEL_SMOOTHING = 12  # steps over the faces; makes charts larger and their borders shorter
-MIN_COSINE = 0.15  # between a face and its chart's direction, 81 degrees; a steeper face would be squeezed to a seventh of its width
 SMALL_SHARE = 2e-3  # of the surface; a smaller chart joins a neighbour that can show it
 TINY_SHARE = 2e-4  # of the surface; a smaller chart joins a neighbour even if it folds there: a few wrong texels beat a scrap
 MAX_LAYERS = 5  # rounds in which hidden parts of a chart are split off; what is still hidden then becomes one chart a face
 SAMPLED_FACES = 5000  # directions are clustered on about so many faces: enough for 14 means, and quick
 KMEANS_ROUNDS, JOIN_ROUNDS = 12, 8  # bounds of the time; joining ends sooner where nothing changes any more
-FACING_COSINE = 0.5  # within 60 degrees of each axis some direction is kept, so that every face finds one that shows it
 GRID_CELLS = 2e7  # of the overlap test at most: 20 MB
 
 
@@ -122,9 +119,9 @@ def _label_faces(normals: np.ndarray, areas: np.ndarray, directions: np.ndarray,
     neighbours = coo_matrix((ones, (np.r_[pairs[:, 0], pairs[:, 1]], np.r_[pairs[:, 1], pairs[:, 0]])), (faces, faces)).tocsr()
     cosine = (normals @ directions.T).astype(np.float32)
     vote = np.clip(cosine, 0.0, 1.0) ** 4
-    for _ in range(LABEL_SMOOTHING):
+    for _ in range(BROAD_SMOOTHING):
         vote = (neighbours @ vote + vote) / 4.0
-    label = np.where(cosine > MIN_COSINE, vote, -1.0 + 0.1 * cosine).argmax(1)
+    label = np.where(cosine > GRAZING_COSINE, vote, -1.0 + 0.1 * cosine).argmax(1)
     for _ in range(JOIN_ROUNDS):  # small charts join the neighbour with the longest common border that can show them
         chart = _label_connected(label, pairs)
         share = np.bincount(chart, areas) / areas.sum()
@@ -134,7 +131,7 @@ def _label_faces(normals: np.ndarray, areas: np.ndarray, directions: np.ndarray,
             other = pairs[:, b]
             use = small[pairs[:, a]] & (share[chart[other]] > share[chart[pairs[:, a]]])
             np.add.at(votes, (pairs[use, a], label[other[use]]), 1.0)
-        votes = np.where((cosine > MIN_COSINE) | (share[chart] < TINY_SHARE)[:, None], votes, 0.0)
+        votes = np.where((cosine > GRAZING_COSINE) | (share[chart] < TINY_SHARE)[:, None], votes, 0.0)
         moves = small & (votes.max(1) > 0)
         if not moves.any():
             break

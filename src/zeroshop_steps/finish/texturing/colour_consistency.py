@@ -15,28 +15,23 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.finish.texturing.exposure_gains import estimate_gains
+from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_VIEWS
 from zeroshop_steps.geometry.alignment.surface_distance import sample_surface
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.cameras.transforms import shrink_camera
-from zeroshop_steps.geometry.imaging.images import sample_bilinear
+from zeroshop_steps.geometry.imaging.images import BLUR_PX, sample_bilinear
 from zeroshop_steps.geometry.imaging.srgb import srgb_to_linear
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
-from zeroshop_steps.geometry.observation.visibility import MIN_COSINE
+from zeroshop_steps.geometry.observation.visibility import GRAZING_COSINE, VISIBLE_SHARE
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 LONGEST_PX, MARGIN_PX = 480, 8
 """Photos are cut out around the mask, with this margin, and made smaller to this longest side."""
-BLUR_PX = 1.5
-"""Standard deviation of their blur: what differs within a pixel or two is noise and print, and cameras are not exact."""
 EDGE_PX = 2
 """Pixels this near to the border of a mask mix the object with what is behind it."""
-LIFT_DIAGONALS = 0.003
-"""Rays to the cameras start this far off the surface, or they would hit it where they start."""
 BRIGHTEST = 250.0
 """Brighter pixels are saturated, and tell no colour."""
-OTHERS = 2
-"""Photos that must show the place of a pixel besides its own."""
 COLOURED, COLOURED_SHARE = 2.0, 0.15
 """A surface is coloured if, in the middle of its pixels, linear light without its grey part is at least this, of 255, and this share of
 the grey part."""
@@ -99,7 +94,7 @@ class Photos:
         grey = light.mean(1)
         colour = np.median(np.sqrt(((light - grey[:, None]) ** 2).mean(1)))
         self.coloured = bool(colour > COLOURED and colour > COLOURED_SHARE * np.median(grey))
-        points, faces = sample_surface(mesh, GAIN_POINTS, np.random.default_rng(0))
+        points, faces, _ = sample_surface(mesh, GAIN_POINTS, np.random.default_rng(0))
         seen, known = self._observe(ray_caster((mesh.vertices, mesh.faces)), points, mesh.face_normals()[faces])
         brightness = np.ptp(_linear(seen), axis=2) if self.coloured else seen.mean(2)
         self.gains = estimate_gains(brightness / 255.0, known.astype(np.float32), known)
@@ -136,7 +131,7 @@ class Photos:
         mean = (compared * shown[..., None]).sum(1) / np.maximum(count, 1)[:, None]
         difference = self._compared(own[at], self.gains[pixels.photo[at], None]) - mean
         found = np.full(len(pixels.photo), np.nan)
-        found[at] = np.where(count >= OTHERS, np.sqrt((difference**2).mean(1)), np.nan)
+        found[at] = np.where(count >= AGREEING_VIEWS, np.sqrt((difference**2).mean(1)), np.nan)
         return found
 
     def _compared(self, colours: np.ndarray, gains: np.ndarray) -> np.ndarray:
@@ -150,10 +145,10 @@ class Photos:
         """(N, V, 3) float32 colours of points of a surface in all photos, and (N, V) bool where they are shown."""
         colours = np.zeros((len(points), len(self.cameras), 3), np.float32)
         shown = np.zeros(colours.shape[:2], bool)
-        start = points + LIFT_DIAGONALS * self.diagonal * normals
+        start = points + VISIBLE_SHARE * self.diagonal * normals
         for photo, camera in enumerate(self.cameras):
             towards = camera.centre_in_world - points
-            facing = np.einsum("nc,nc->n", towards, normals) > MIN_COSINE * np.linalg.norm(towards, axis=1)
+            facing = np.einsum("nc,nc->n", towards, normals) > GRAZING_COSINE * np.linalg.norm(towards, axis=1)
             at = np.flatnonzero(facing & camera.find_pixels(points)[3])
             rays = np.concatenate([start[at], camera.centre_in_world - start[at]], 1)
             at = at[~np.isfinite(scene.cast_rays(o3d.core.Tensor(rays.astype(np.float32)))["t_hit"].numpy())]

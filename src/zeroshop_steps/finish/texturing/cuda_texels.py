@@ -10,13 +10,11 @@ import numpy as np
 from numba import cuda
 
 from zeroshop_steps.finish.texturing.texel_colors import VotingView, add_view, take_mean
-
-THREADS = 256
-"""Of a block."""
+from zeroshop_steps.geometry.rendering.cuda_rasterization import THREADS
 
 
 class CudaTexelColors:
-    """See `texel_devices.TexelColors`."""
+    """See `TexelColors`."""
 
     def __init__(self, corners: np.ndarray, shares: np.ndarray, vertices: np.ndarray, tolerance: float) -> None:
         self._count, self._tolerance = len(corners), tolerance

@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from zeroshop_steps.geometry.alignment.robust_estimates import MEDIAN_POINTS
+from zeroshop_steps.geometry.imaging.images import EXPOSURE_RANGE
+
 ROUNDS = 5  # the mean depends on the gains and they on the mean, so both are computed in turns
-LEAST_POINTS = 50  # common points from which a median is taken; with fewer, a photo keeps its exposure
-GAIN_RANGE = (0.5, 2.0)  # one stop down or up; more is no exposure but another light or a wrong place
 DARKEST = 0.02  # brightness, of 1; below, noise dominates the ratio of two photos
 
 
@@ -22,7 +23,7 @@ def estimate_gains(brightness: np.ndarray, weight: np.ndarray, usable: np.ndarra
         mean = (brightness * found * weight).sum(1) / np.maximum(weight.sum(1), 1e-12)
         for k in range(len(found)):
             good = usable[:, k]
-            if good.sum() >= LEAST_POINTS:
-                found[k] = np.clip(np.median(mean[good] / brightness[good, k]), *GAIN_RANGE)
+            if good.sum() >= MEDIAN_POINTS:
+                found[k] = np.clip(np.median(mean[good] / brightness[good, k]), *EXPOSURE_RANGE)
         found /= np.exp(np.log(found).mean())
     return found

@@ -1,13 +1,16 @@
-"""The colour of each texel from the photos that see it: one function for the processor and for CUDA (cuda_texels.py, texel_devices.py).
+"""The colour of each texel from the photos that see it: one function for the processor and for CUDA (cuda_texels.py).
 
 A view after the other adds its part to all texels, so that only one photo at a time is needed, and a texel's sum has one order. Positions
 are calculated in double precision and colours in single, on both.
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numba
 import numpy as np
+
+from zeroshop_steps.runtime.compute.kernel_devices import choose_kernel_device
 
 
 @dataclass(frozen=True)
@@ -30,8 +33,21 @@ class VotingView:
     corrections: np.ndarray
 
 
+class TexelColors(Protocol):
+    """Weighted sums of colours at N texels, which views add to."""
+
+    def begin_round(self, least_votes: float, covered: float) -> None:
+        """From now on, views add to texels with less weight than `covered`, where their votes exceed `least_votes`."""
+
+    def add(self, view: VotingView) -> None:
+        """Add a view's colours where it is trusted and nothing hides the texel."""
+
+    def finish(self, broad: np.ndarray, broad_weight: float) -> tuple[np.ndarray, np.ndarray]:
+        """The mean colours (N, 3) uint8, and the weights (N,) float32 of the views; `broad` (V, 3) float32 weighs `broad_weight`."""
+
+
 class CpuTexelColors:
-    """See `texel_devices.TexelColors`."""
+    """See `TexelColors`."""
 
     def __init__(self, corners: np.ndarray, shares: np.ndarray, vertices: np.ndarray, tolerance: float) -> None:
         self._texels, self._tolerance = (corners, shares, vertices), tolerance
@@ -39,18 +55,18 @@ class CpuTexelColors:
         self._open, self._least_votes = np.ones(len(corners), np.bool_), 0.0
 
     def begin_round(self, least_votes: float, covered: float) -> None:
-        """See `texel_devices.TexelColors`."""
+        """See `TexelColors`."""
         self._open, self._least_votes = self._weight < covered, least_votes
 
     def add(self, view: VotingView) -> None:
-        """See `texel_devices.TexelColors`."""
+        """See `TexelColors`."""
         add_view(
             0, 1, *self._texels, view.projection, view.image, view.trust, view.depth, view.votes, view.corrections,
             self._tolerance, self._least_votes, self._open, self._color, self._weight,
         )  # fmt: skip
 
     def finish(self, broad: np.ndarray, broad_weight: float) -> tuple[np.ndarray, np.ndarray]:
-        """See `texel_devices.TexelColors`."""
+        """See `TexelColors`."""
         mean = np.empty((len(self._weight), 3), np.uint8)
         take_mean(0, 1, *self._texels[:2], broad, np.float32(broad_weight), self._color, self._weight, mean)
         return mean, self._weight
@@ -61,7 +77,7 @@ def add_view(
     first, step, corners, shares, vertices, projection, image, trust, depth, votes, corrections,
     tolerance, least_votes, is_open, color, weight,
 ):  # fmt: skip
-    """What `texel_devices.TexelColors.add` does, at every `step`-th texel from `first` on: all on the processor, a thread's own on CUDA."""
+    """What `TexelColors.add` does, at every `step`-th texel from `first` on: all on the processor, a thread's own on CUDA."""
     height, width = depth.shape
     for i in range(first, len(corners), step):
         a, b, c = corners[i, 0], corners[i, 1], corners[i, 2]
@@ -99,7 +115,7 @@ def add_view(
 
 @numba.njit(cache=True)
 def take_mean(first, step, corners, shares, broad, broad_weight, color, weight, mean):
-    """What `texel_devices.TexelColors.finish` does, at every `step`-th texel from `first` on."""
+    """What `TexelColors.finish` does, at every `step`-th texel from `first` on."""
     most, half = np.float32(255.0), np.float32(0.5)
     for i in range(first, len(corners), step):
         a, b, c = corners[i, 0], corners[i, 1], corners[i, 2]
@@ -108,3 +124,19 @@ def take_mean(first, step, corners, shares, broad, broad_weight, color, weight, 
             filled = shares[i, 0] * broad[a, k] + shares[i, 1] * broad[b, k] + shares[i, 2] * broad[c, k]
             level = (color[i, k] + broad_weight * filled) / total * most
             mean[i, k] = np.uint8(min(max(level, np.float32(0.0)), most) + half)
+
+
+def make_texel_colors(device: str, corners: np.ndarray, shares: np.ndarray, vertices: np.ndarray, tolerance: float) -> TexelColors:
+    """Sums on one of cpu, cuda and auto, as `choose_kernel_device` chooses; raises what it raises.
+
+    Args:
+        corners: (N, 3) int32 vertices of the face at each texel.
+        shares: (N, 3) float32 of these vertices at the texel.
+        vertices: (V, 3) float64.
+        tolerance: a texel may lie so far behind the depth that a view sees.
+    """
+    if choose_kernel_device(device) == "cpu":
+        return CpuTexelColors(corners, shares, vertices, tolerance)
+    from zeroshop_steps.finish.texturing.cuda_texels import CudaTexelColors  # Numba's CUDA is loaded where it is used alone
+
+    return CudaTexelColors(corners, shares, vertices, tolerance)

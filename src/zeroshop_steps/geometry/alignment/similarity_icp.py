@@ -2,25 +2,23 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.geometry.alignment.similarity_search import SimilarityCandidates, apply_steps, solve_steps
-from zeroshop_steps.geometry.alignment.surface_points import SurfacePoints
+from zeroshop_steps.geometry.alignment.similarity_search import NEAR_SHARE, SimilarityCandidates, apply_steps, solve_steps
+from zeroshop_steps.geometry.alignment.surface_points import PLANE_NEIGHBOURS, SurfacePoints
 from zeroshop_steps.geometry.cameras.transforms import transform_points
 
 SAMPLES = 4000  # of the source, that are aligned
 STEPS = 40  # of ICP
-NEAR_SHARE = 0.9  # of the samples, the nearest, that a step uses and whose mean distance counts
 FAR_MEDIANS = 3.0  # samples farther away than so many median distances are not on the object, such as those of a lid
 ALIKE_DIAMETERS = 0.003  # candidates whose residuals differ by less fit the shape equally well, and print decides
 TRIED = 6  # candidates that are refined
 PRINT_DIAMETERS = 0.01  # cost of print without any correlation, in distance of the shapes; a mean distance of 1 % outweighs it
-NEIGHBOURS = 12  # samples from which the gradient of brightness is computed
 PRINT_WEIGHT, PRINT_SCALE = 0.1, 0.1  # of brightness in a step: one standard deviation counts like a distance of 1 % of the size
 CLIPPED_DEVIATIONS = 1.5  # larger differences of brightness count like this one; they are highlights or holes in the print
 NORMAL_DAMPING = 1e-3  # of the brightness gradients, against directions in which the neighbours do not spread
-LUMA = (0.299, 0.587, 0.114)  # brightness of RGB (ITU-R BT.601)
 
 
 @dataclass(frozen=True)
@@ -119,20 +117,20 @@ def similarity_rows(offsets: np.ndarray, directions: np.ndarray) -> np.ndarray:
 
 def _brightness(colors: np.ndarray) -> np.ndarray:
     """(N,) brightness of (N, 3) colours."""
-    return colors @ LUMA
+    return np.asarray(cv2.cvtColor(colors[None].astype(np.float32), cv2.COLOR_RGB2GRAY)[0], float)
 
 
 def correlate_colors(ours: np.ndarray, theirs: np.ndarray) -> float:
     """Correlation, -1..1, of two (N, 3) lists of colours in brightness, red-green and yellow-blue; what varies more weighs more."""
-    axes = np.array([LUMA, [0.7, -0.7, 0.0], [0.5, 0.5, -1.0]]).T
-    a, b = ours @ axes, theirs @ axes
+    axes = np.array([[0.7, -0.7, 0.0], [0.5, 0.5, -1.0]]).T
+    a, b = (np.column_stack([_brightness(colors), colors @ axes]) for colors in (ours, theirs))
     a, b = a - a.mean(0), b - b.mean(0)
     return float((a * b).sum() / np.sqrt(max((a**2).sum() * (b**2).sum(), 1e-12)))
 
 
 def _brightness_gradients(target: SurfacePoints, tree: cKDTree) -> np.ndarray:
     """(N, 3) gradient of brightness along the surface at each sample, by least squares over its neighbours."""
-    _, near = tree.query(target.points, NEIGHBOURS)
+    _, near = tree.query(target.points, PLANE_NEIGHBOURS)
     assert target.colors is not None
     brightness = _brightness(target.colors)
     offsets = target.points[near] - target.points[:, None]

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_VIEWS
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
+SHARE_SAMPLES = 20_000  # of a surface whose shares are measured: one of 98 % is then exact to 0.1 %
 SAMPLES = 100_000  # on each surface: the error of a mean is then 0.3 % of the distances' standard deviation
-SEEN_BY = 2  # cameras, the fewest that can reconstruct a point
 
 
 @dataclass(frozen=True)
@@ -56,22 +57,22 @@ def measure_surface_error(mesh: Mesh, truth: Mesh, cameras: list[Camera], suppor
         support_z_mm: height of the support plane, which hides what is below it; None without one.
     """
     rng = np.random.default_rng(0)
-    points, faces = sample_surface(mesh, SAMPLES, rng)
+    points, faces, _ = sample_surface(mesh, SAMPLES, rng)
     distance, nearest = _nearest(truth, points)
     cosine = np.einsum("ij,ij->i", mesh.face_normals()[faces], truth.face_normals()[nearest])
-    true_points, true_faces = sample_surface(truth, SAMPLES, rng)
-    seen = count_seeing_views(true_points, truth.face_normals()[true_faces], truth, cameras, support_z_mm) >= SEEN_BY
+    true_points, true_faces, _ = sample_surface(truth, SAMPLES, rng)
+    seen = count_seeing_views(true_points, truth.face_normals()[true_faces], truth, cameras, support_z_mm) >= AGREEING_VIEWS
     to_mesh, _ = _nearest(mesh, true_points[seen])
     return SurfaceError(distance, to_mesh, np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))), float(seen.mean()))
 
 
-def sample_surface(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """(count, 3) random points, evenly distributed over the surface, and (count,) their faces."""
+def sample_surface(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(count, 3) random points, evenly distributed over the surface, (count,) their faces, and (count, 3) weights of these' corners."""
     corners, areas = mesh.vertices[mesh.faces], mesh.face_areas()
     faces = np.searchsorted(np.cumsum(areas), rng.uniform(0.0, areas.sum(), count)).clip(0, len(areas) - 1)
     root, second = np.sqrt(rng.uniform(size=(count, 1))), rng.uniform(size=(count, 1))
-    a, b, c = corners[faces].transpose(1, 0, 2)
-    return (1 - root) * a + root * (1 - second) * b + root * second * c, faces
+    weights = np.concatenate([1 - root, root * (1 - second), root * second], 1)
+    return np.einsum("nk,nkd->nd", weights, corners[faces]), faces, weights
 
 
 def count_seeing_views(

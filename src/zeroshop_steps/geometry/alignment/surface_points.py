@@ -9,8 +9,8 @@ from zeroshop_steps.geometry.alignment.surface_distance import sample_surface
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.rendering.mesh_rendering import sample_texture
 
+PLANE_NEIGHBOURS = 12  # nearest points, which span the plane around a point of a surface
 BLUR_SHARE = 0.004  # of the texture's width: print finer than the distance between samples would only be noise
-LEAST_BLUR_PX = 0.5  # of a small texture
 
 
 @dataclass(frozen=True)
@@ -34,24 +34,12 @@ class SurfacePoints:
 
 def sample_surface_points(mesh: Mesh, count: int, rng: np.random.Generator) -> SurfacePoints:
     """Sample a mesh at random, evenly by area."""
-    points, faces = sample_surface(mesh, count, rng)
-    colors = None
+    points, faces, weights = sample_surface(mesh, count, rng)
+    corners, colors = mesh.faces[faces], None
     if mesh.uv is not None and mesh.texture is not None:
-        corners = mesh.faces[faces]
-        uv = np.einsum("nc,ncd->nd", _barycentric(points, mesh.vertices[corners]), mesh.uv[corners])
-        blurred = cv2.GaussianBlur(mesh.texture, (0, 0), max(BLUR_SHARE * mesh.texture.shape[1], LEAST_BLUR_PX))
+        uv = np.einsum("nc,ncd->nd", weights, mesh.uv[corners])
+        blurred = cv2.GaussianBlur(mesh.texture, (0, 0), BLUR_SHARE * mesh.texture.shape[1])
         colors = sample_texture(blurred, uv).astype(np.float64) / 255.0
     elif mesh.colors is not None:
-        corners = mesh.faces[faces]
-        colors = np.einsum("nc,ncd->nd", _barycentric(points, mesh.vertices[corners]), mesh.colors[corners] / 255.0)
+        colors = np.einsum("nc,ncd->nd", weights, mesh.colors[corners] / 255.0)
     return SurfacePoints(points, mesh.face_normals()[faces], colors)
-
-
-def _barycentric(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """(N, 3) weights of the corners (N, 3, 3) of a triangle at (N, 3) points in it."""
-    along, across, place = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], points - corners[:, 0]
-    d11, d12, d22 = (along**2).sum(1), (along * across).sum(1), (across**2).sum(1)
-    p1, p2 = (place * along).sum(1), (place * across).sum(1)
-    scale = np.maximum(d11 * d22 - d12**2, 1e-30)
-    second, third = (d22 * p1 - d12 * p2) / scale, (d11 * p2 - d12 * p1) / scale
-    return np.stack([1 - second - third, second, third], 1)

@@ -15,11 +15,12 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
+from scipy.constants import inch
 
 from zeroshop_steps.runtime.files import atomic_write
 
 DICTIONARY = cv2.aruco.DICT_5X5_1000
-MM_PER_INCH = 25.4
+MM_PER_INCH = inch * 1000
 RULER_MM = 150.0
 """Length of the line under the board. The user measures it on paper to find out at which scale the board was printed."""
 # The sheet's layout in mm: the board is moved up to make room for the ruler below it and the text below that.

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pycolmap
+from numpy.typing import ArrayLike
 
 from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction, write_reconstruction
 from zeroshop_steps.runtime.errors import StepError
@@ -22,6 +23,13 @@ OFF_MEDIANS, ROUNDS = 4.0, 5  # a point that lies so many median errors off does
 def find_centre(camera_from_world: np.ndarray) -> np.ndarray:
     """(3,) centre of a camera, by its (4, 4) pose."""
     return np.asarray(-camera_from_world[:3, :3].T @ camera_from_world[:3, 3])
+
+
+def make_transform(rotation: ArrayLike, translation: ArrayLike) -> np.ndarray:
+    """The (4, 4) transform of a (3, 3) rotation, or scaled rotation, and a (3,) translation."""
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = rotation, translation
+    return transform
 
 
 @dataclass(frozen=True)
@@ -179,11 +187,10 @@ def write_cameras(folder: Path, cameras: tuple[Camera, ...] | list[Camera]) -> N
     write_reconstruction(reconstruction, folder)
 
 
-def to_matrix(pose: pycolmap.Rigid3d) -> np.ndarray:
-    """A COLMAP pose as a (4, 4) matrix."""
-    matrix = np.eye(4)
-    matrix[:3] = pose.matrix()
-    return matrix
+def to_matrix(pose: pycolmap.Rigid3d | pycolmap.Sim3d) -> np.ndarray:
+    """A COLMAP pose or similarity as a (4, 4) matrix."""
+    matrix = pose.matrix()
+    return make_transform(matrix[:, :3], matrix[:, 3])
 
 
 def to_rigid(matrix: np.ndarray) -> pycolmap.Rigid3d:
@@ -220,10 +227,8 @@ def fit_similarity(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     u, singular, vt = np.linalg.svd(target_centred.T @ source_centred)
     sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
     scale = (singular * np.diag(sign)).sum() / (source_centred**2).sum()
-    transform = np.eye(4)
-    transform[:3, :3] = scale * u @ sign @ vt
-    transform[:3, 3] = target_mean - transform[:3, :3] @ source_mean
-    return transform
+    linear = scale * u @ sign @ vt
+    return make_transform(linear, target_mean - linear @ source_mean)
 
 
 def fit_similarity_robustly(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

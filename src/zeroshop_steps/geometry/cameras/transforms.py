@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera, make_transform
 
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 """(4, 4) from a camera that looks along -z with y up to one that looks along z with y down; its own inverse."""
@@ -34,9 +34,7 @@ def compute_scale(similarity: np.ndarray) -> float:
 def move_similarity(start: np.ndarray, step: np.ndarray, centre: np.ndarray, size: float) -> np.ndarray:
     """The (4, 4) similarity `start` after a (7,) step: turned (3) and scaled (1, a logarithm) about a centre, shifted (3) in sizes."""
     turn = np.exp(step[3]) * Rotation.from_rotvec(step[:3]).as_matrix()
-    moved = np.eye(4)
-    moved[:3, :3] = turn
-    moved[:3, 3] = centre - turn @ centre + step[4:] * size
+    moved = make_transform(turn, centre - turn @ centre + step[4:] * size)
     return moved @ start
 
 
@@ -48,8 +46,7 @@ def transform_camera(camera: Camera, target_from_world: np.ndarray) -> Camera:
     linear = target_from_world[:3, :3]
     rotation = camera.camera_from_world[:3, :3] @ (linear / compute_scale(target_from_world)).T
     centre = linear @ camera.centre_in_world + target_from_world[:3, 3]
-    camera_from_target = np.eye(4)
-    camera_from_target[:3, :3], camera_from_target[:3, 3] = rotation, -rotation @ centre
+    camera_from_target = make_transform(rotation, -rotation @ centre)
     return Camera(camera.name, camera.width_px, camera.height_px, camera.intrinsics, camera_from_target)
 
 

@@ -2,9 +2,11 @@
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera, make_transform
 
-DISTANCE_RADII = 4.0  # of a camera from the middle of the sphere that it shows: little perspective
+DISTANCE_RADII = 6.0  # of a camera from the middle of the sphere that it shows: little perspective
+FILLED = 0.95  # of the shorter side of an image, by the ball around an object that it shows whole
+SAME_DIRECTION_DEG = 8.0  # directions that differ by less show the same
 
 
 def face_along(forward: np.ndarray) -> np.ndarray:
@@ -19,10 +21,8 @@ def face_along(forward: np.ndarray) -> np.ndarray:
 
 def look_at(centre: np.ndarray, target: np.ndarray) -> np.ndarray:
     """(4, 4) camera_from_world of an upright camera at `centre` that looks at `target`."""
-    camera_from_world = np.eye(4)
-    camera_from_world[:3, :3] = face_along((target - centre) / np.linalg.norm(target - centre))
-    camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ centre
-    return camera_from_world
+    rotation = face_along((target - centre) / np.linalg.norm(target - centre))
+    return make_transform(rotation, -rotation @ centre)
 
 
 def direction_at(azimuth_rad: float, elevation_rad: float) -> np.ndarray:

@@ -11,6 +11,8 @@ from zeroshop_steps.runtime.errors import StepError, is_out_of_memory, remedy_fo
 from zeroshop_steps.runtime.files import atomic_write
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
+BLUR_PX = 1.5  # of photos whose colours are compared: what differs within a pixel or two is noise and print, and cameras are not exact
+EXPOSURE_RANGE = (0.5, 2.0)  # between photos: one stop down or up; more is another light or a wrong place
 REMAP_COLUMNS = 16384
 """Points are sampled in rows of so many: OpenCV's remap takes images of fewer than 32768 rows and columns."""
 

@@ -15,7 +15,7 @@ import numpy as np
 from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.geometry.meshes.ply_surface import find_beside, find_textures, read_ply, require_mesh_file
 from zeroshop_steps.geometry.meshes.surface_parts import SurfacePart, join_parts, with_texture
-from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import OBJECT_SIZES_M, Mesh, write_ply
 from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.runtime.errors import StepError, warn
 
@@ -26,8 +26,6 @@ READABLE = ("KHR_materials_", "KHR_lights_", "KHR_xmp", "KHR_texture_basisu", "E
 """Extensions of glTF that may be in a file, as long as it does not require them: they change no shape, or have a substitute."""
 TEXTURE_OPTIONS = re.compile(r"(-(clamp|blend[uv]|cc) (on|off) +|-(bm|boost|texres|imfchan) \S+ +|-s( 1(\.0*)?)+ +|-[ot]( 0(\.0*)?)+ +)+")
 """Options of a texture in MTL that leave it where it is; with others, such as a scale, its line names no file."""
-LARGEST_M = 3.0
-"""OBJ has no unit and glTF is in metres, but both are often in millimetres: what measures less than 3 across is in metres."""
 
 
 def read_mesh(path: Path) -> Mesh:
@@ -52,7 +50,8 @@ def read_mesh(path: Path) -> Mesh:
     except Exception as error:
         raise StepError(f"mesh {path} cannot be read as {suffix[1:].upper()} ({error}); export it again, or as PLY") from None
     diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    if suffix in (".obj", *GLTF) and diagonal < LARGEST_M:
+    # OBJ has no unit and glTF is in metres, but both are often in millimetres.
+    if suffix in (".obj", *GLTF) and diagonal < OBJECT_SIZES_M[1]:
         warn(f"mesh {path} measures {diagonal:.3g} across, which is taken for metres; a PLY is taken for millimetres")
         mesh = replace(mesh, vertices=mesh.vertices * MM_PER_M)
     return mesh

@@ -8,6 +8,7 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 import numpy as np
 
 from zeroshop_steps.geometry.imaging.images import read_image
+from zeroshop_steps.geometry.meshes.mesh_repair import find_triangles
 from zeroshop_steps.geometry.meshes.ply_tables import Element, Lists, PlyTables, read_ply_tables, read_remarks
 from zeroshop_steps.geometry.meshes.surface_parts import SurfacePart, join_parts
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
@@ -179,7 +180,7 @@ def _triangles(tables: PlyTables) -> tuple[np.ndarray, np.ndarray | None, np.nda
             if len(strip) >= 3:
                 rows = np.stack([strip[:-2], strip[1:-1], strip[2:]], 1)
                 rows[1::2] = rows[1::2, [1, 0, 2]]
-                found.append(rows[(rows[:, 0] != rows[:, 1]) & (rows[:, 1] != rows[:, 2]) & (rows[:, 0] != rows[:, 2])])
+                found.append(rows[find_triangles(rows)])
     return np.concatenate(found) if found else np.zeros((0, 3), np.int64), None, None
 
 

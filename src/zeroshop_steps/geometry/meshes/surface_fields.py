@@ -6,6 +6,8 @@ from scipy.sparse.linalg import cg
 
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 
+LIGHT_SMOOTHING = 2  # steps that take noise from positions and normals, and bend no print
+BROAD_SMOOTHING = 12  # steps; of colours and labels, what is broader belongs to a region, what is finer to one face or photo
 LEAST_WEIGHT = 1e-8  # below, a normalised convolution has no known value within reach
 TOLERANCE, MOST_ITERATIONS = 1e-4, 2000  # of the conjugate gradients: relative residual to reach, and where to stop without reaching it
 

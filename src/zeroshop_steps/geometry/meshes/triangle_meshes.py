@@ -13,6 +13,10 @@ FACE_TYPE = np.dtype([("count", "u1"), ("index", "<i4", 3)])
 PLY_TYPES = {"float": "<f4", "uchar": "u1"}
 COLORS = ("red", "green", "blue")
 SEEN_QUALITY, MEASURED_QUALITY = 0.25, 0.75  # mean quality of a face's corners, halfway between the classes 0, 0.5 and 1
+FACING_COSINE = 0.5  # of the angle between a normal and the direction that surface faces: within 60 degrees
+SAME_SIDE_COSINE = 0.7  # of the angle between normals: surface within 45 degrees lies on one side of a body
+OBJECT_SIZES_M = (0.005, 3.0)  # what is smaller or larger is no object for these programs, or in another unit
+MIN_FACES = 100  # fewer cannot describe an object
 
 
 @dataclass(frozen=True)

@@ -20,24 +20,22 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_VIEWS
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.meshes.surface_fields import build_neighbour_matrix, smooth_normals, weld
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, diameter_of
 from zeroshop_steps.geometry.observation.support_classes import ASSUMED, MEASURED, UNSEEN
-from zeroshop_steps.geometry.observation.visibility import find_visible, sample_image
+from zeroshop_steps.geometry.observation.visibility import GRAZING_COSINE, VISIBLE_SHARE, find_visible, sample_image
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.open3d_loader import o3d
 
 # Lengths in diameters of the mesh. No record says what they were fitted on; tests/evaluate/test_surface_support.py checks them on a cup
 # with and without a lid.
 NEAR_DIAMETERS = 0.015  # a vertex this close to a confirmed depth is confirmed: 3 mm on an object of 20 cm
-FACING_COSINE = 0.1  # between normal and direction to the camera; a photo sees a vertex within 84 degrees
 EDGE_COSINE = 0.35  # within 20 degrees of edge-on, the surface turns away from the camera
 EDGE_DIAMETERS = 0.02  # such a vertex this close to the border of the mask, measured at its depth, lies on the outline
 ALONG_DIAMETERS = 0.08  # from the vertex, one point this far towards the camera and one as far behind it are compared with the mesh
-FLAT_DIAMETERS = 0.003  # if both are this close to it, the surface continues along the line of sight and the outline measures its rim only
 VISIBLE_DIAMETERS = 0.01  # a vertex this far behind the rendered depth is still visible; outlines lie where depth changes most
-LEAST_VIEWS = 2  # photos that must see a vertex: one alone gives no depth
 
 
 def classify_surface_support(mesh: Mesh, views: Sequence[View], confirmed: np.ndarray, device: str = "cpu") -> np.ndarray:
@@ -68,16 +66,16 @@ def classify_surface_support(mesh: Mesh, views: Sequence[View], confirmed: np.nd
         towards /= np.linalg.norm(towards, axis=1, keepdims=True)
         cosine = np.einsum("ij,ij->i", normals, towards)
         in_sight = find_visible(pixels, depth, renderer.find_depth(camera), VISIBLE_DIAMETERS * diameter)
-        seen += in_sight & (cosine > FACING_COSINE)
+        seen += in_sight & (cosine > GRAZING_COSINE)
         mask = view.mask().astype(np.uint8)
         inwards_px = sample_image(cv2.distanceTransform(mask, cv2.DIST_L2, 5), pixels)
         edge_px = EDGE_DIAMETERS * diameter * camera.intrinsics[0, 0] / np.maximum(depth, 1e-12)
         at_edge = np.flatnonzero(in_sight & ~outlined & (np.abs(cosine) < EDGE_COSINE) & (inwards_px < edge_px))
         step = ALONG_DIAMETERS * diameter * towards[at_edge]
         off = [surface.compute_distance(o3d.core.Tensor((points[at_edge] + way).astype(np.float32))).numpy() for way in (step, -step)]
-        outlined[at_edge] = np.maximum(*off) > FLAT_DIAMETERS * diameter
+        outlined[at_edge] = np.maximum(*off) > VISIBLE_SHARE * diameter
     measured = _grow_within(outlined, (outlined | confirmed_near) & (seen > 0), joined.faces)
-    return np.where(measured, MEASURED, np.where(seen >= LEAST_VIEWS, ASSUMED, UNSEEN)).astype(np.uint8)[index]
+    return np.where(measured, MEASURED, np.where(seen >= AGREEING_VIEWS, ASSUMED, UNSEEN)).astype(np.uint8)[index]
 
 
 def _grow_within(starts: np.ndarray, within: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -14,7 +14,9 @@ ERODE_PX = 2.5  # this close to a silhouette or an occlusion edge, a photo may s
 MIXED_PX = 1.5  # this close, pixels mix the colours on both sides of the edge
 FEATHER_PX = 12.0  # trust grows from 0 to 1 over this distance, so that no seam shows
 EDGE_TRUST = 1e-3  # of pixels between MIXED_PX and ERODE_PX: they count where no better photo shows a thin part
-MIN_COSINE = 0.15  # a photo that sees the surface at a flatter angle (less than 9 degrees) is not used
+SHOWING_COSINE = 0.3  # where it turns away by less (73 degrees), a view shows the colours of a surface well
+EDGE_ON_COSINE = 0.05  # where it turns away by more (87 degrees), it is seen edge-on: nothing is divided by less
+GRAZING_COSINE = 0.15  # where the surface turns away by more (81 degrees), a view shows and measures nothing of it
 DEPTH_STEP_SHARE = 0.01  # of the object's size: a larger step in depth is an occlusion edge
 VISIBLE_SHARE = 0.004  # of the object's size: a point this far behind the rendered surface is visible; depth differs within a pixel
 SLANT = 1.5  # a step must exceed this many times the change of depth on the pixel's other side, which a slanted plane has, too
@@ -61,7 +63,7 @@ def rate_vertex_views(mesh: Mesh, maps: list[ViewMaps], extent: float) -> np.nda
         pixels, depth = view.camera.project(mesh.vertices)
         towards = view.camera.centre_in_world - mesh.vertices
         cosine = np.einsum("ij,ij->i", mesh.vertex_normals, towards) / np.linalg.norm(towards, axis=1)
-        seen = find_visible(pixels, depth, view.depth, VISIBLE_SHARE * extent) & (cosine > MIN_COSINE)
+        seen = find_visible(pixels, depth, view.depth, VISIBLE_SHARE * extent) & (cosine > GRAZING_COSINE)
         trust = sample_image(view.trust, pixels)
         quality[:, k] = seen * trust * cosine**2 * (view.camera.intrinsics[0, 0] / np.maximum(depth, 1e-12))
     return quality / max(float(quality.max()), 1e-30)

@@ -9,7 +9,8 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 
-NORMAL_SMOOTHING_VOXELS = 1.5  # standard deviation: normals from blocky voxels need a smooth occupancy
+COARSE_VOXELS = 96  # along each edge of a hull that tells where the object is, and no detail of it
+SMOOTHING_VOXELS = 1.5  # standard deviation that takes the steps of voxels away: normals and distances need a smooth occupancy
 
 
 def find_inside_masks(points: np.ndarray, cameras: list[Camera], masks: list[np.ndarray], misses_allowed: int = 0) -> np.ndarray:
@@ -76,7 +77,7 @@ class VisualHull:
             for step in (-1, 1):
                 buried &= np.roll(padded, step, direction)[1:-1, 1:-1, 1:-1]
         index = np.argwhere(self.occupied & ~buried)
-        smooth = gaussian_filter(padded.astype(np.float32), NORMAL_SMOOTHING_VOXELS)
+        smooth = gaussian_filter(padded.astype(np.float32), SMOOTHING_VOXELS)
         gradient = [map_coordinates(component, index.T + 1, order=1) for component in np.gradient(smooth)]
         normals = -np.stack(gradient, 1)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)

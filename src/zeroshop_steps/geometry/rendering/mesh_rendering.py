@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.transforms import make_unit
 from zeroshop_steps.geometry.imaging.images import sample_bilinear
 from zeroshop_steps.geometry.meshes.surface_parts import PLAIN_GREY
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
@@ -187,11 +188,9 @@ class MeshRenderer:
         return np.full((int(hits.mask.sum()), 3), float(PLAIN_GREY))
 
     def _shade(self, camera: Camera, hits: RayHits) -> np.ndarray:
-        corners = self.mesh.vertices[self.mesh.faces[hits.face[hits.mask]]]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        towards = camera.centre_in_world - corners.mean(1)
-        cosine = np.einsum("ij,ij->i", normals, towards)
-        cosine /= np.maximum(np.linalg.norm(normals, axis=1) * np.linalg.norm(towards, axis=1), 1e-30)
+        face = hits.face[hits.mask]
+        towards = make_unit(camera.centre_in_world - self.mesh.vertices[self.mesh.faces[face]].mean(1))
+        cosine = np.einsum("ij,ij->i", self.mesh.face_normals()[face], towards)
         front = DARKEST + FACING_GAIN * np.clip(cosine, 0.0, 1.0)
         tint = np.where(cosine[:, None] < 0, BACK_TINT, 1.0)
         return np.where(cosine < 0, BACK_DARKEST - BACK_GAIN * cosine, front)[:, None] * tint

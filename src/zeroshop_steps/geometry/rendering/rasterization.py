@@ -14,9 +14,7 @@ from zeroshop_steps.geometry.rendering.rasterization_kernel import draw_faces, f
 NEAREST = 1e-3
 """Faces with a corner closer to the camera plane than this, in the mesh's unit, are not drawn."""
 MOST_TRIANGLES = 1 << 19
-"""Posed triangles that are set up together."""
-MOST_CANDIDATES = 1 << 20
-"""Pixels in the bounding boxes of triangles that are tested together; about 150 bytes each."""
+"""Posed triangles that are set up together, and pixels that triangles drawn together may cover."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +118,7 @@ def _draw_some(pixels: Tensor, depth: Tensor, faces: Tensor, grid: PixelGrid) ->
     ends = sides[shown].prod(1).cumsum(0)
     start, done = 0, 0
     while start < len(shown):
-        stop = max(start + 1, int(torch.searchsorted(ends, done + MOST_CANDIDATES, right=True)))
+        stop = max(start + 1, int(torch.searchsorted(ends, done + MOST_TRIANGLES, right=True)))
         _draw(shown[start:stop], corners, depths, low, sides, len(faces), grid, nearest.view(-1))
         start, done = stop, int(ends[stop - 1])
     return _read_out(nearest, corners, depths, len(faces))

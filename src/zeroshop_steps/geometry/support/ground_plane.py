@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from zeroshop_steps.geometry.alignment.robust_estimates import robust_deviation
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.cameras.viewpoints import spread_over_sphere
@@ -40,7 +41,6 @@ VERTICES = 2000  # of the object are tested against each candidate: all of them 
 REFINEMENT_ROUNDS = 20  # of least squares on the current inliers, which settle in fewer
 TUKEY_DEVIATIONS = 4.5  # residuals beyond this many standard deviations count nothing (4.685 is 95 % efficient)
 LEAST_SHRINKING = 0.1  # of the threshold from one round to the next, so that it does not collapse
-DEVIATION_OF_MEDIAN = 1.4826  # standard deviation of normal noise, over the median of its absolute values
 
 
 @dataclass(frozen=True)
@@ -248,7 +248,7 @@ def _refine(normal: np.ndarray, offset: float, points: np.ndarray, centre: np.nd
         values, vectors = np.linalg.eigh(scatter)
         normal, offset = _orient(vectors[:, 0], float(vectors[:, 0] @ mean), centre)
         # The threshold follows the noise that the points show.
-        spread = DEVIATION_OF_MEDIAN * np.median(np.abs(points[chosen] @ normal - offset))
+        spread = robust_deviation(points[chosen] @ normal - offset)
         threshold = float(np.clip(TUKEY_DEVIATIONS * spread, LEAST_SHRINKING * threshold, THRESHOLD_DIAGONALS * diagonal))
     residuals = points @ normal - offset
     chosen = np.abs(residuals) < threshold

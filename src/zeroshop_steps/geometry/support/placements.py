@@ -12,10 +12,10 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.cameras.transforms import transform_points
-from zeroshop_steps.geometry.cameras.viewpoints import spread_over_sphere
+from zeroshop_steps.geometry.cameras.viewpoints import SAME_DIRECTION_DEG, spread_over_sphere
 
 HULL_DIRECTIONS = 600  # in which a body's extreme points are taken for its convex hull
-SAME_DEG = 8.0  # placements whose planes differ by less are one: the flutes of a can, the dents of a base
+LEAST_STABILITY_DEG = 8.0  # what falls over on a table tilted by less does not stand
 LEAST_PROBABILITY = 0.005  # rarer ones are left out
 CONTACT_SHARE = 0.01  # of the hull's size: what lies closer to the plane carries the body, once it has settled
 UPRIGHT_COS = 0.94  # of the angle between the object's z axis and the plane's normal, 20 degrees
@@ -71,7 +71,7 @@ def _merge(downs: np.ndarray, likely: np.ndarray) -> list[tuple[np.ndarray, floa
     leaders: list[int] = []
     probabilities: list[float] = []
     for index in np.argsort(-likely, kind="stable"):
-        near = [place for place, leader in enumerate(leaders) if downs[index] @ downs[leader] > np.cos(np.radians(SAME_DEG))]
+        near = [place for place, leader in enumerate(leaders) if downs[index] @ downs[leader] > np.cos(np.radians(SAME_DIRECTION_DEG))]
         if near:
             probabilities[near[0]] += float(likely[index])
         else:

@@ -8,13 +8,8 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from zeroshop_steps.networks.da3.settings import Da3Settings
-from zeroshop_steps.networks.layers import NORM_EPSILON
-from zeroshop_steps.networks.vggt.aggregator import ROPE_BASE, normalise_colors
-from zeroshop_steps.networks.vggt.layers import Block, Rotation
-from zeroshop_steps.networks.vggt.patch_embed import Patches
-
-GRID_OFFSET = 0.1  # added to the size of the grid that positions are resampled to: DINOv2 was trained with that
-CHOSEN_FROM = 3  # images: of fewer, the first is the reference
+from zeroshop_steps.networks.layers import NORM_EPSILON, Block, Patches, Rotation
+from zeroshop_steps.networks.vggt.aggregator import normalise_colors
 
 
 @dataclass(frozen=True)
@@ -42,7 +37,7 @@ class VisionTransformer(nn.Module):
         self.camera_token = nn.Parameter(torch.zeros(1, 2, width))  # of the reference, of the others
         self.pos_embed = nn.Parameter(torch.zeros(1, 1 + settings.grid**2, width))
         self.blocks = nn.ModuleList(
-            Block(width, settings.heads, index >= settings.alone, 1.0, NORM_EPSILON) for index in range(settings.depth)
+            Block(width, settings.heads, index >= settings.alone, eps=NORM_EPSILON) for index in range(settings.depth)
         )
         self.norm = nn.LayerNorm(width)
 
@@ -61,7 +56,7 @@ class VisionTransformer(nn.Module):
         order = torch.arange(frames, device=images.device)
         kept, alone = [], tokens
         for index, block in enumerate(self.blocks):
-            if index == self.settings.alone - 1 and cameras is None and frames >= CHOSEN_FROM:
+            if index == self.settings.alone - 1 and cameras is None and frames >= self.settings.chosen_from:
                 first = choose_reference(tokens[:, 0])
                 order = torch.cat([first[None], order[order != first]])
                 tokens = tokens[order]
@@ -86,7 +81,7 @@ class VisionTransformer(nn.Module):
         if (rows, columns) == (grid, grid):
             return self.pos_embed
         square = self.pos_embed[:, 1:].unflatten(1, (grid, grid)).permute(0, 3, 1, 2)
-        scale = (rows + GRID_OFFSET) / grid, (columns + GRID_OFFSET) / grid
+        scale = (rows + self.settings.grid_offset) / grid, (columns + self.settings.grid_offset) / grid
         resized = F.interpolate(square.float(), scale_factor=scale, mode="bicubic").to(square.dtype)
         return torch.cat([self.pos_embed[:, :1], resized.flatten(2).transpose(1, 2)], dim=1)
 
@@ -95,8 +90,8 @@ class VisionTransformer(nn.Module):
         places = torch.cartesian_prod(torch.arange(1, rows + 1, device=device), torch.arange(1, columns + 1, device=device))
         camera = torch.zeros(1, 2, dtype=places.dtype, device=device)
         width = self.settings.width // self.settings.heads
-        within = Rotation.of(torch.cat([camera, places]), width, ROPE_BASE)
-        across = Rotation.of(torch.cat([camera, torch.ones_like(places)]), width, ROPE_BASE)
+        within = Rotation.of(torch.cat([camera, places]), width)
+        across = Rotation.of(torch.cat([camera, torch.ones_like(places)]), width)
         return within, across.tiled(frames)
 
 

@@ -4,9 +4,8 @@ import torch
 from torch import Tensor, nn
 
 from zeroshop_steps.networks.da3.settings import Da3Settings
-from zeroshop_steps.networks.layers import Mlp
+from zeroshop_steps.networks.layers import Block, Mlp
 from zeroshop_steps.networks.vggt.camera_head import ENCODING
-from zeroshop_steps.networks.vggt.layers import LAYER_SCALE, Block
 
 
 class CameraDecoder(nn.Module):
@@ -31,7 +30,7 @@ class CameraEncoder(nn.Module):
     def __init__(self, settings: Da3Settings) -> None:
         super().__init__()
         width = settings.width
-        self.trunk = nn.Sequential(*(Block(width, settings.camera_heads, False, LAYER_SCALE) for _ in range(settings.camera_depth)))
+        self.trunk = nn.Sequential(*(Block(width, settings.camera_heads) for _ in range(settings.camera_depth)))
         self.token_norm = nn.LayerNorm(width)
         self.trunk_norm = nn.LayerNorm(width)
         self.pose_branch = Mlp(ENCODING, width // 2, width)

@@ -8,15 +8,15 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from zeroshop_steps.networks.fastsam.checkpoint import read_pickled_modules
+from zeroshop_steps.networks.inert_pickles import Shell, read_inert
 from zeroshop_steps.networks.weights import load_strictly, read_own_sizes
+from zeroshop_steps.runtime.errors import StepError
 
+MODULES = ("ema", "model")  # where the checkpoint has its network: the averaged one if there is one
 NAME = "FastSAM-x.pt"
 SIZES = ".json"
 """Suffix of the file beside weights that tells the sizes of a network of one's own, such as FastSAM-s."""
 STRIDES = (8, 16, 32)  # of the three sizes, in pixels
-BINS = 16  # in which the distance of a side of a box from its cell is told, in strides
-PROTOTYPES = 32  # of masks, which a box mixes
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,15 @@ class FastSamSettings:
         width: factor of all channels.
         depth: factor of the numbers of repeated units.
         most_channels: before the factor.
+        bins: in which the distance of a side of a box from its cell is told, in strides.
+        prototypes: of masks, which a box mixes.
     """
 
     width: float = 1.25
     depth: float = 1.0
     most_channels: int = 512
+    bins: int = 16
+    prototypes: int = 32
 
     def channels(self, count: int) -> int:
         """Of a layer that has so many at a width of 1: a multiple of eight."""
@@ -49,8 +53,8 @@ class BoxCandidates:
     Attributes:
         boxes: (N, 4) left, top, right, bottom in pixels.
         likelihoods: (N,) 0..1, of showing one thing.
-        mixtures: (N, PROTOTYPES) of the prototypes.
-        prototypes: (PROTOTYPES, height / 4, width / 4).
+        mixtures: (N, P) of the prototypes.
+        prototypes: (P, height / 4, width / 4).
     """
 
     boxes: Tensor
@@ -120,26 +124,26 @@ class SpatialPyramid(nn.Module):
 class Prototypes(nn.Module):
     """Masks that boxes mix, at twice the resolution of the finest size."""
 
-    def __init__(self, channels: int, between: int) -> None:
+    def __init__(self, channels: int, between: int, out: int) -> None:
         super().__init__()
         self.cv1 = Convolution(channels, between, 3)
         self.upsample = nn.ConvTranspose2d(between, between, 2, 2)
         self.cv2 = Convolution(between, between, 3)
-        self.cv3 = Convolution(between, PROTOTYPES)
+        self.cv3 = Convolution(between, out)
 
     def forward(self, x: Tensor) -> Tensor:
         return self.cv3(self.cv2(self.upsample(self.cv1(x))))
 
 
 class ExpectedDistance(nn.Module):
-    """The expectation of a distance over its bins, of (B, 4 BINS, N) logits as (B, 4, N)."""
+    """The expectation of a distance over its bins, of (B, 4 bins, N) logits as (B, 4, N)."""
 
-    def __init__(self) -> None:
+    def __init__(self, bins: int) -> None:
         super().__init__()
-        self.conv = nn.Conv2d(BINS, 1, 1, bias=False)
+        self.conv = nn.Conv2d(bins, 1, 1, bias=False)
 
     def forward(self, logits: Tensor) -> Tensor:
-        return self.conv(logits.unflatten(1, (4, BINS)).transpose(1, 2).softmax(1))[:, 0]
+        return self.conv(logits.unflatten(1, (4, -1)).transpose(1, 2).softmax(1))[:, 0]
 
 
 class Head(nn.Module):
@@ -151,11 +155,12 @@ class Head(nn.Module):
         def branch(channels: int, between: int, out: int) -> nn.Sequential:
             return nn.Sequential(Convolution(channels, between, 3), Convolution(between, between, 3), nn.Conv2d(between, out, 1))
 
-        self.cv2 = nn.ModuleList(branch(size, max(sizes[0] // 4, 4 * BINS), 4 * BINS) for size in sizes)
+        sides, masks = 4 * settings.bins, settings.prototypes
+        self.cv2 = nn.ModuleList(branch(size, max(sizes[0] // 4, sides), sides) for size in sizes)
         self.cv3 = nn.ModuleList(branch(size, sizes[0], 1) for size in sizes)
-        self.dfl = ExpectedDistance()
-        self.proto = Prototypes(sizes[0], settings.channels(256))
-        self.cv4 = nn.ModuleList(branch(size, max(sizes[0] // 4, PROTOTYPES), PROTOTYPES) for size in sizes)
+        self.dfl = ExpectedDistance(settings.bins)
+        self.proto = Prototypes(sizes[0], settings.channels(256), masks)
+        self.cv4 = nn.ModuleList(branch(size, max(sizes[0] // 4, masks), masks) for size in sizes)
 
     def forward(self, pyramid: Sequence[Tensor]) -> list[BoxCandidates]:
         """Of each image of (B, C, h, w) layers, the finest first.
@@ -254,3 +259,32 @@ def _run(layers: nn.ModuleDict, names: Sequence[str], x: Tensor) -> Tensor:
 
 def _enlarge(x: Tensor) -> Tensor:
     return F.interpolate(x, scale_factor=2, mode="nearest")
+
+
+def read_pickled_modules(path: Path) -> dict[str, torch.Tensor]:
+    """The parameters and buffers of a pickled network by name, in single precision where they are numbers with a fraction.
+
+    Raises:
+        StepError: the file is not there, damaged, cut short, or no such checkpoint.
+    """
+    path = Path(path)
+    try:
+        content = read_inert(path)
+    except FileNotFoundError:
+        raise StepError(f"the weights {path} do not exist") from None
+    except ValueError as error:
+        raise StepError(f"{path} is no whole checkpoint ({error}); it is damaged or was cut short. Delete it and fetch it again") from None
+    found = next((content[key] for key in MODULES if isinstance(content.get(key), Shell)), None) if isinstance(content, dict) else None
+    if found is None:
+        raise StepError(f"{path} holds no network; it is not a checkpoint of this kind. Take the one that weights.csv names")
+    return {name: tensor.float() if tensor.is_floating_point() else tensor for name, tensor in _list_tensors(found, "")}
+
+
+def _list_tensors(module: Shell, prefix: str) -> list[tuple[str, torch.Tensor]]:
+    """Names as `state_dict` gives them."""
+    parts = [part for kind in ("_parameters", "_buffers") for part in (module.state.get(kind) or {}).items()]
+    found = [(prefix + name, tensor) for name, tensor in parts if isinstance(tensor, torch.Tensor)]
+    for name, child in (module.state.get("_modules") or {}).items():
+        if isinstance(child, Shell):
+            found += _list_tensors(child, f"{prefix}{name}.")
+    return found

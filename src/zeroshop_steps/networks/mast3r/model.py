@@ -8,15 +8,47 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from zeroshop_steps.networks.layers import NORM_EPSILON, Mlp
+from zeroshop_steps.networks.layers import NORM_EPSILON, Attention, Block, Mlp, Patches, Rotation
 from zeroshop_steps.networks.mast3r.dpt import DensePrediction, decode_points
-from zeroshop_steps.networks.mast3r.transformer import DecoderBlock, EncoderBlock, RotaryFactors, compute_rotary_factors
 from zeroshop_steps.networks.weights import load_strictly
 from zeroshop_steps.runtime.errors import StepError
 
 PATCH_PX = 16  # of the published network
 SIZES = ".json"
 """Suffix of the file beside weights that tells the sizes of a network of one's own."""
+
+
+class CrossAttention(nn.Module):
+    """Attention from one image to the other."""
+
+    def __init__(self, channels: int, heads: int) -> None:
+        super().__init__()
+        self.heads = heads
+        self.projq, self.projk, self.projv, self.proj = (nn.Linear(channels, channels) for _ in range(4))
+
+    def forward(self, x: Tensor, other: Tensor, rotation: Rotation, other_rotation: Rotation) -> Tensor:
+        query, key, value = (
+            project(tokens).unflatten(-1, (self.heads, -1)).transpose(1, 2)
+            for project, tokens in ((self.projq, x), (self.projk, other), (self.projv, other))
+        )
+        attended = F.scaled_dot_product_attention(rotation(query), other_rotation(key), value)
+        return self.proj(attended.transpose(1, 2).flatten(2))
+
+
+class DecoderBlock(nn.Module):
+    """Self-attention, attention to the other image, and MLP."""
+
+    def __init__(self, channels: int, heads: int) -> None:
+        super().__init__()
+        self.norm1, self.norm2, self.norm3, self.norm_y = (nn.LayerNorm(channels, eps=NORM_EPSILON) for _ in range(4))
+        self.attn = Attention(channels, heads)
+        self.cross_attn = CrossAttention(channels, heads)
+        self.mlp = Mlp(channels, 4 * channels)
+
+    def forward(self, x: Tensor, other: Tensor, rotation: Rotation, other_rotation: Rotation) -> Tensor:
+        x = x + self.attn(self.norm1(x), rotation)
+        x = x + self.cross_attn(self.norm2(x), self.norm_y(other), rotation, other_rotation)
+        return x + self.mlp(self.norm3(x))
 
 
 @dataclass(frozen=True)
@@ -30,6 +62,8 @@ class Mast3rSettings:
     decoder_depth: int = 12
     decoder_heads: int = 12
     descriptor_channels: int = 24
+    dense_channels: tuple[int, ...] = (96, 192, 384, 768)
+    dense_features: int = 256
 
 
 @dataclass(frozen=True)
@@ -49,17 +83,6 @@ class ImagePrediction:
     descriptor_confidence: Tensor
 
 
-class PatchEmbedding(nn.Module):
-    """Each patch of the picture becomes a token."""
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        self.proj = nn.Conv2d(3, channels, PATCH_PX, stride=PATCH_PX)
-
-    def forward(self, image: Tensor) -> Tensor:
-        return self.proj(image).flatten(2).transpose(1, 2)
-
-
 class Mast3rHead(nn.Module):
     """Points with their confidence by a dense prediction transformer, local features with theirs by an MLP for each patch."""
 
@@ -67,7 +90,8 @@ class Mast3rHead(nn.Module):
         super().__init__()
         encoder, decoder, depth = configuration.encoder_channels, configuration.decoder_channels, configuration.decoder_depth
         self.layers = (0, depth // 2, depth * 3 // 4, depth)
-        self.dpt = DensePrediction((encoder, decoder, decoder, decoder), out=4)
+        tokens = encoder, decoder, decoder, decoder
+        self.dpt = DensePrediction(tokens, configuration.dense_channels, configuration.dense_features, out=4)
         both = encoder + decoder
         self.head_local_features = Mlp(both, 4 * both, (configuration.descriptor_channels + 1) * PATCH_PX**2)
 
@@ -93,9 +117,10 @@ class MASt3R(nn.Module):
     def __init__(self, configuration: Mast3rSettings | None = None) -> None:
         super().__init__()
         self.configuration = configuration = configuration or Mast3rSettings()
-        self.patch_embed = PatchEmbedding(configuration.encoder_channels)
+        self.patch_embed = Patches(PATCH_PX, configuration.encoder_channels)
         self.enc_blocks = nn.ModuleList(
-            EncoderBlock(configuration.encoder_channels, configuration.encoder_heads) for _ in range(configuration.encoder_depth)
+            Block(configuration.encoder_channels, configuration.encoder_heads, scaled=False, eps=NORM_EPSILON)
+            for _ in range(configuration.encoder_depth)
         )
         self.enc_norm = nn.LayerNorm(configuration.encoder_channels, eps=NORM_EPSILON)
         self.decoder_embed = nn.Linear(configuration.encoder_channels, configuration.decoder_channels)
@@ -112,9 +137,8 @@ class MASt3R(nn.Module):
 
     def encode(self, image: Tensor) -> Tensor:
         """(B, 3, height, width) pictures to (B, height / 16 * width / 16, C) tokens."""
-        rotation = self._rotation(
-            count_patches(image), self.configuration.encoder_channels // self.configuration.encoder_heads, image.device
-        )
+        head_dim = self.configuration.encoder_channels // self.configuration.encoder_heads
+        rotation = rotate_by_place(count_patches(image), head_dim, image.device)
         tokens = self.patch_embed(image)
         for block in self.enc_blocks:
             tokens = block(tokens, rotation)
@@ -123,7 +147,7 @@ class MASt3R(nn.Module):
     def decode(self, first: Tensor, second: Tensor, first_grid: tuple[int, int], second_grid: tuple[int, int]) -> list[list[Tensor]]:
         """Tokens of both pictures to those of all layers, the encoder's first, for each of them."""
         head_dim = self.configuration.decoder_channels // self.configuration.decoder_heads
-        rotations = [self._rotation(grid, head_dim, first.device) for grid in (first_grid, second_grid)]
+        rotations = [rotate_by_place(grid, head_dim, first.device) for grid in (first_grid, second_grid)]
         layers = [[first], [second]]
         tokens = [self.decoder_embed(first), self.decoder_embed(second)]
         for blocks in zip(self.dec_blocks, self.dec_blocks2, strict=True):
@@ -152,9 +176,11 @@ class MASt3R(nn.Module):
         """A pair of pictures, of equal size or not, to what the network says of both."""
         return self.predict(self.encode(first), self.encode(second), count_patches(first), count_patches(second))
 
-    @staticmethod
-    def _rotation(grid: tuple[int, int], head_dim: int, device: torch.device) -> RotaryFactors:
-        return compute_rotary_factors(*grid, head_dim, device)
+
+def rotate_by_place(grid: tuple[int, int], head_dim: int, device: torch.device | str = "cpu") -> Rotation:
+    """The rotation of the tokens of a grid of (rows, columns), in row-major order."""
+    rows, columns = (torch.arange(count, device=device) for count in grid)
+    return Rotation.of(torch.cartesian_prod(rows, columns), head_dim)
 
 
 def count_patches(image: Tensor) -> tuple[int, int]:

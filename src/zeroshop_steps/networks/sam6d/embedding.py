@@ -10,7 +10,6 @@ from torch import Tensor, nn
 from zeroshop_steps.networks.sam6d.points import find_in_balls, measure_square_distances, take
 
 DISTANCE_STEP, ANGLE_STEP_DEG = 0.2, 15.0  # differences that change an embedding clearly; distances are in radii of the object
-NEIGHBOURS = 3  # of a point, between whose directions and that of another point angles are taken
 BALL_CHANNELS = (6, 32, 64, 128)  # of a neighbour: from its place against the point and its own to its feature
 BALLS = ((0.1, 32), (0.2, 64))  # radii, in those of the object, and numbers of neighbours
 
@@ -33,15 +32,16 @@ class SinusoidalEmbedding(nn.Module):
 class PairEmbedding(nn.Module):
     """(B, N, N, C) of (B, N, 3) points: the distance of each pair, and its direction against the nearest neighbours of the first."""
 
-    def __init__(self, channels: int) -> None:
+    def __init__(self, channels: int, neighbours: int) -> None:
         super().__init__()
+        self.neighbours = neighbours
         self.embedding = SinusoidalEmbedding(channels)
         self.proj_d = nn.Linear(channels, channels)
         self.proj_a = nn.Linear(channels, channels)
 
     def forward(self, points: Tensor) -> Tensor:
         distances = measure_square_distances(points, points).sqrt()
-        nearest = distances.topk(NEIGHBOURS + 1, dim=2, largest=False).indices[..., 1:]
+        nearest = distances.topk(self.neighbours + 1, dim=2, largest=False).indices[..., 1:]
         across = points[:, None] - points[:, :, None]
         embedded = None  # the largest over the neighbours, one after the other: all of them at once would take several times the memory
         for neighbour in nearest.unbind(2):

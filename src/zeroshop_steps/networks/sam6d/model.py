@@ -4,20 +4,75 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor, nn
 
+from zeroshop_steps.networks.layers import NORM_EPSILON, Block, Patches
 from zeroshop_steps.networks.sam6d.embedding import PairEmbedding
 from zeroshop_steps.networks.sam6d.point_matching import CoarseMatching, FineMatching, SparseCloud
 from zeroshop_steps.networks.sam6d.points import sample_farthest, take
 from zeroshop_steps.networks.sam6d.pose_solver import find_coarse_pose, find_fine_pose
-from zeroshop_steps.networks.sam6d.settings import Sam6dSettings
-from zeroshop_steps.networks.sam6d.vision import FeatureExtraction
+from zeroshop_steps.networks.sam6d.settings import GRID, IMAGE_PX, PATCH_PX, Sam6dSettings
 from zeroshop_steps.networks.weights import load_strictly, read_own_sizes
 
+FINER = 4  # each patch gives FINER x FINER features, which are then interpolated
 NAME = "sam-6d-pem-base.pth"
 SIZES = ".json"
 """Suffix of the file beside weights that tells the sizes of a network of one's own."""
 UNUSED = "feature_extraction.rgb_net.vit.head."  # of the classes of images that the vision transformer was made for
+
+
+class VisionTransformer(nn.Module):
+    """The patch tokens after each quarter of the blocks."""
+
+    def __init__(self, settings: Sam6dSettings) -> None:
+        super().__init__()
+        channels = settings.vision_channels
+        self.patch_embed = Patches(PATCH_PX, channels)
+        self.cls_token = nn.Parameter(torch.zeros(1, 1, channels))
+        self.pos_embed = nn.Parameter(torch.zeros(1, 1 + GRID**2, channels))
+        self.blocks = nn.ModuleList(
+            Block(channels, settings.vision_heads, scaled=False, eps=NORM_EPSILON) for _ in range(settings.vision_depth)
+        )
+        self.norm = nn.LayerNorm(channels, eps=NORM_EPSILON)
+
+    def forward(self, images: Tensor) -> list[Tensor]:
+        """(B, 3, IMAGE_PX, IMAGE_PX) to four times (B, GRID^2, C), the first layer first."""
+        tokens = torch.cat([self.cls_token.expand(len(images), -1, -1), self.patch_embed(images)], 1) + self.pos_embed
+        quarter, layers = len(self.blocks) // 4, []
+        for index, block in enumerate(self.blocks):
+            tokens = block(tokens)
+            if (len(self.blocks) - 1 - index) % quarter == 0 and len(self.blocks) - 1 - index < 4 * quarter:
+                layers.append(self.norm(tokens)[:, 1:])
+        return layers
+
+
+class PixelFeatures(nn.Module):
+    """A feature of each pixel."""
+
+    def __init__(self, settings: Sam6dSettings) -> None:
+        super().__init__()
+        self.vit = VisionTransformer(settings)
+        self.output_upscaling = nn.Linear(4 * settings.vision_channels, FINER**2 * settings.features)
+
+    def forward(self, images: Tensor) -> Tensor:
+        """(B, 3, IMAGE_PX, IMAGE_PX) normalised crops to (B, C, IMAGE_PX, IMAGE_PX)."""
+        cells = self.output_upscaling(torch.cat(self.vit(images), 2)).unflatten(2, (FINER, FINER, -1)).unflatten(1, (GRID, GRID))
+        finer = cells.permute(0, 5, 1, 3, 2, 4).reshape(len(images), -1, GRID * FINER, GRID * FINER)
+        return F.interpolate(finer, (IMAGE_PX, IMAGE_PX), mode="bilinear", align_corners=False)
+
+
+class FeatureExtraction(nn.Module):
+    """Features of chosen pixels; the checkpoint has the network of pixels below `rgb_net`."""
+
+    def __init__(self, settings: Sam6dSettings) -> None:
+        super().__init__()
+        self.rgb_net = PixelFeatures(settings)
+
+    def forward(self, images: Tensor, chosen: Tensor) -> Tensor:
+        """(B, 3, IMAGE_PX, IMAGE_PX) crops and (B, N) indices of their pixels, row by row, to (B, N, C)."""
+        features = self.rgb_net(images).flatten(2)
+        return features.gather(2, chosen[:, None].expand(-1, features.shape[1], -1)).transpose(1, 2)
 
 
 @dataclass(frozen=True)
@@ -57,7 +112,7 @@ class Sam6dPem(nn.Module):
         super().__init__()
         self.settings = settings = settings or Sam6dSettings()
         self.feature_extraction = FeatureExtraction(settings)
-        self.geo_embedding = PairEmbedding(settings.channels)
+        self.geo_embedding = PairEmbedding(settings.channels, settings.neighbours)
         self.coarse_point_matching = CoarseMatching(settings)
         self.fine_point_matching = FineMatching(settings)
 

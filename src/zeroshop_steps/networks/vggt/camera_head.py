@@ -4,8 +4,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from zeroshop_steps.networks.layers import NORM_EPSILON, Mlp
-from zeroshop_steps.networks.vggt.layers import LAYER_SCALE, Block
+from zeroshop_steps.networks.layers import NORM_EPSILON, Block, Mlp
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 
 ENCODING = 9  # translation (3), quaternion x y z w (4), vertical and horizontal field of view in radians (2)
@@ -17,7 +16,7 @@ class CameraHead(nn.Module):
     def __init__(self, settings: VggtSettings) -> None:
         super().__init__()
         width = 2 * settings.width
-        self.trunk = nn.Sequential(*(Block(width, settings.heads, False, LAYER_SCALE) for _ in range(settings.camera_depth)))
+        self.trunk = nn.Sequential(*(Block(width, settings.heads) for _ in range(settings.camera_depth)))
         self.token_norm = nn.LayerNorm(width)
         self.trunk_norm = nn.LayerNorm(width)
         self.empty_pose_tokens = nn.Parameter(torch.zeros(1, 1, ENCODING))

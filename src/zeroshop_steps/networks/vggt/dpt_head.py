@@ -3,38 +3,11 @@
 from collections.abc import Callable, Sequence
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
+from zeroshop_steps.networks.layers import FeatureFusion, resize_map
+
 SCRATCH_HIDDEN = 32  # channels before the last convolution
-
-
-class ResidualUnit(nn.Module):
-    """Two convolutions beside a shortcut that starts after the first activation, as the trained weights expect."""
-
-    def __init__(self, features: int) -> None:
-        super().__init__()
-        self.conv1 = nn.Conv2d(features, features, 3, padding=1)
-        self.conv2 = nn.Conv2d(features, features, 3, padding=1)
-
-    def forward(self, x: Tensor) -> Tensor:
-        x = F.relu(x)
-        return x + self.conv2(F.relu(self.conv1(x)))
-
-
-class FeatureFusion(nn.Module):
-    """Add a finer map to a coarser one and enlarge the sum; `unit` is what both go through."""
-
-    def __init__(self, features: int, coarsest: bool, unit: type[ResidualUnit] = ResidualUnit) -> None:
-        super().__init__()
-        self.out_conv = nn.Conv2d(features, features, 1)
-        if not coarsest:
-            self.resConfUnit1 = unit(features)
-        self.resConfUnit2 = unit(features)
-
-    def forward(self, coarse: Tensor, fine: Tensor | None, size: tuple[int, int]) -> Tensor:
-        summed = coarse if fine is None else coarse + self.resConfUnit1(fine)
-        return self.out_conv(resize_map(self.resConfUnit2(summed), size))
 
 
 class Scratch(nn.Module):
@@ -131,11 +104,6 @@ def fuse_maps(lateral: list[Tensor], refine: Sequence[nn.Module]) -> Tensor:
         fused = refine[level](fine, None, size) if fused is None else refine[level](fused, fine, size)
     assert fused is not None, "at least one map"
     return fused
-
-
-def resize_map(values: Tensor, size: tuple[int, int]) -> Tensor:
-    """(B, C, H, W) maps at another size, corner on corner."""
-    return F.interpolate(values, size=size, mode="bilinear", align_corners=True)
 
 
 def encode_positions(size: tuple[int, int], channels: int, aspect: float) -> Tensor:

@@ -18,6 +18,7 @@ class VggtSettings:
         layers: the pairs whose output the dense heads read; the last is also what the camera head reads.
         camera_depth: blocks of the camera head.
         dense_features: channels of the depth and point heads; `dense_channels`: of their four inputs.
+        track_stride: pixels of the image for each pixel of the tracker's maps.
         track_features: channels of the tracker's maps; `track_channels`: of their four inputs.
         track_width, track_heads, track_depth: of the tracker's tokens, attention and blocks; `virtual_tracks`: extra tokens.
         track_levels, track_radius: of its correlations; maps each half the last, and pixels around the estimate.
@@ -34,6 +35,7 @@ class VggtSettings:
     camera_depth: int = 4
     dense_features: int = 256
     dense_channels: tuple[int, int, int, int] = (256, 512, 1024, 1024)
+    track_stride: int = 2
     track_features: int = 128
     track_channels: tuple[int, int, int, int] = (256, 512, 1024, 1024)
     track_width: int = 384

@@ -10,10 +10,74 @@ from torch import Tensor, nn
 from zeroshop_steps.networks.layers import Mlp
 from zeroshop_steps.networks.vggt.dpt_head import DptHead
 from zeroshop_steps.networks.vggt.settings import VggtSettings
-from zeroshop_steps.networks.vggt.update_transformer import UpdateTransformer
 
-STRIDE = 2  # pixels of the image a pixel of the feature maps
 VOLUME_VALUES = 1 << 27  # correlations that are held at a time
+
+
+class TrackBlock(nn.Module):
+    """Attention and MLP; the shortcuts start after the first norm, as the trained weights expect."""
+
+    def __init__(self, width: int, heads: int) -> None:
+        super().__init__()
+        self.norm1 = nn.LayerNorm(width)
+        self.norm2 = nn.LayerNorm(width)
+        self.attn = nn.MultiheadAttention(width, heads, batch_first=True)
+        self.mlp = Mlp(width, 4 * width)
+
+    def forward(self, x: Tensor) -> Tensor:
+        x = self.norm1(x)
+        x = x + self.attn(x, x, x, need_weights=False)[0]
+        return x + self.mlp(self.norm2(x))
+
+
+class CrossBlock(nn.Module):
+    """The same, with attention to other tokens."""
+
+    def __init__(self, width: int, heads: int) -> None:
+        super().__init__()
+        self.norm1 = nn.LayerNorm(width)
+        self.norm_context = nn.LayerNorm(width)
+        self.norm2 = nn.LayerNorm(width)
+        self.cross_attn = nn.MultiheadAttention(width, heads, batch_first=True)
+        self.mlp = Mlp(width, 4 * width)
+
+    def forward(self, x: Tensor, context: Tensor) -> Tensor:
+        x, context = self.norm1(x), self.norm_context(context)
+        x = x + self.cross_attn(x, context, context, need_weights=False)[0]
+        return x + self.mlp(self.norm2(x))
+
+
+class UpdateTransformer(nn.Module):
+    """From (N, S, inputs) tokens of N tracks in S frames to (N, S, outputs) corrections."""
+
+    def __init__(self, settings: VggtSettings, inputs: int, outputs: int) -> None:
+        super().__init__()
+        width, heads, depth = settings.track_width, settings.track_heads, settings.track_depth
+        self.input_norm = nn.LayerNorm(inputs)
+        self.input_transform = nn.Linear(inputs, width)
+        self.output_norm = nn.LayerNorm(width)
+        self.flow_head = nn.Linear(width, outputs)
+        self.virual_tracks = nn.Parameter(torch.zeros(1, settings.virtual_tracks, 1, width))  # the checkpoint's spelling
+        self.time_blocks = nn.ModuleList(TrackBlock(width, heads) for _ in range(depth))
+        self.space_virtual_blocks = nn.ModuleList(TrackBlock(width, heads) for _ in range(depth))
+        self.space_point2virtual_blocks = nn.ModuleList(CrossBlock(width, heads) for _ in range(depth))
+        self.space_virtual2point_blocks = nn.ModuleList(CrossBlock(width, heads) for _ in range(depth))
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        count, frames, _ = inputs.shape
+        start = self.input_transform(self.input_norm(inputs))
+        tokens = torch.cat([start, self.virual_tracks[0].expand(-1, frames, -1)])
+        for along, among, to_virtual, to_points in zip(
+            self.time_blocks,
+            self.space_virtual_blocks,
+            self.space_virtual2point_blocks,
+            self.space_point2virtual_blocks,
+            strict=True,
+        ):
+            points, virtual = along(tokens).transpose(0, 1).split([count, len(tokens) - count], dim=1)
+            virtual = among(to_virtual(virtual, points))
+            tokens = torch.cat([to_points(points, virtual), virtual], dim=1).transpose(0, 1)
+        return self.flow_head(self.output_norm(tokens[:count] + start))
 
 
 @dataclass(frozen=True)
@@ -68,7 +132,7 @@ class PointTracker(nn.Module):
         pyramid = [maps]
         for _ in range(self.settings.track_levels - 1):
             pyramid.append(F.avg_pool2d(pyramid[-1], 2))
-        start = xy / STRIDE
+        start = xy / self.settings.track_stride
         place = start[:, None].expand(-1, frames, -1)  # (N, S, 2)
         found = sample_maps(maps[:1], start[None, None])[0, :, 0].T[:, None].expand(-1, frames, -1)  # (N, S, features)
         context = encode_positions(start, (height, width), self.inputs)[:, None] + self.query_ref_token[0, [0] + [1] * (frames - 1)]
@@ -81,7 +145,7 @@ class PointTracker(nn.Module):
             found = found + self.ffeat_updater(self.ffeat_norm(change[..., 2:].flatten(0, 1))).unflatten(0, found.shape[:2])
             place = torch.cat([start[:, None], (place + change[..., :2])[:, 1:]], dim=1)
         visible, sure = self.vis_predictor(found).sigmoid(), self.conf_predictor(found).sigmoid()
-        return Tracks(STRIDE * place.transpose(0, 1), visible[..., 0].T, sure[..., 0].T)
+        return Tracks(self.settings.track_stride * place.transpose(0, 1), visible[..., 0].T, sure[..., 0].T)
 
     def _correlations(self, pyramid: list[Tensor], found: Tensor, place: Tensor) -> Tensor:
         """(N, S, levels x window) correlations of (N, S, C) features with the maps around (N, S, 2) places."""

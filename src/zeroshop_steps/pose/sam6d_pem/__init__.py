@@ -20,6 +20,7 @@ from zeroshop_steps.bop.formats.models import ObjectModel
 from zeroshop_steps.detect.detector_io import warn_of_plain_models
 from zeroshop_steps.detect.templates import Templates, read_templates
 from zeroshop_steps.geometry.alignment.surface_distance import sample_surface
+from zeroshop_steps.geometry.cameras.pinhole import make_transform
 from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.networks.devices import DEVICES, PROCESS_BYTES, MemoryNeeds, check_memory, choose_device, run_network
 from zeroshop_steps.networks.sam6d.embedding import BALL_CHANNELS, BALLS
@@ -109,7 +110,7 @@ def know_object(model: ObjectModel, views: Templates, network: Sam6dPem, device:
     for index, crop in enumerate(crops):
         mine = view == index
         features[mine] = _describe(crop, torch.from_numpy(crop.chosen)[place[mine]], network, device)[0].cpu()
-    surface, _ = sample_surface(model.mesh, MODEL_POINTS, rng)
+    surface, _, _ = sample_surface(model.mesh, MODEL_POINTS, rng)
     parts = points[kept], features, torch.from_numpy(surface / MM_PER_M).float()
     return KnownObject(*(part[None].to(device) for part in parts))
 
@@ -121,9 +122,7 @@ def estimate_pose(crop: PointCrop, known: KnownObject, network: Sam6dPem, device
     draws = torch.rand(1, 3 * network.settings.hypotheses, generator=torch.Generator().manual_seed(0)).to(device)
     with run_network(device, "SAM-6D's pose estimation"):
         found = network(points, features, known, draws)
-    pose = np.eye(4)
-    pose[:3, :3] = found.rotations[0].double().cpu().numpy()
-    pose[:3, 3] = MM_PER_M * found.places[0].double().cpu().numpy()
+    pose = make_transform(found.rotations[0].double().cpu().numpy(), MM_PER_M * found.places[0].double().cpu().numpy())
     return pose, float(found.scores[0])
 
 

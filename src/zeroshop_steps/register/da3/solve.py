@@ -10,10 +10,15 @@ from typing import Any, Protocol
 import numpy as np
 import pycolmap
 import torch
+from safetensors import SafetensorError, safe_open
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.networks.da3.camera_tokens import invert_encodings
+from zeroshop_steps.networks.da3.model import DepthAnything3, adapt_names
+from zeroshop_steps.networks.da3.settings import BASE, SMALL, Da3Settings
+from zeroshop_steps.networks.devices import PROCESS_BYTES
+from zeroshop_steps.networks.weights import load_strictly
 from zeroshop_steps.register.colmap import match_and_reconstruct, read_colmap_options
-from zeroshop_steps.register.da3.network import Da3Network, find_size, predict_peak_bytes
 from zeroshop_steps.register.da3.options import Da3Options
 from zeroshop_steps.register.da3.refinement import RoughScene, TooFewMatches, start_from_cameras
 from zeroshop_steps.register.features.sift import fit_to_count
@@ -23,12 +28,65 @@ from zeroshop_steps.register.scene.record import Record, RegistrationFailed, des
 from zeroshop_steps.register.scene.undistortion import undistort
 from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward, decode_cameras, find_confirmed_points
 from zeroshop_steps.register.vggt.frames import Frames, find_usable_pixels, fit_size, read_frames
-from zeroshop_steps.register.vggt.memory import load_network
-from zeroshop_steps.register.vggt.network import VggtOutput, read_settings, resolve_published
+from zeroshop_steps.register.vggt.memory import DENSE_MAPS, TOKEN_WIDTHS, VALUE_BYTES, load_network
+from zeroshop_steps.register.vggt.network import VggtOutput, memory_errors, read_settings, resolve_published
 from zeroshop_steps.runtime.files import scratch_directory
+from zeroshop_steps.runtime.progress import ProgressReport
 
+WIDTH_OF = "cls_token"  # ends the name of a tensor whose last dimension is the width of a token
 REMEDY = "take more pictures in between, or put the object on a strongly textured surface"
 REFINE = "refine by matches (register.da3.refine), or "
+
+
+def find_size(weights: Path) -> Da3Settings:
+    """The published size of a checkpoint, by the width of its tokens; small where that does not tell."""
+    try:
+        with safe_open(weights, "pt") as opened:
+            widths = {opened.get_slice(name).get_shape()[-1] for name in opened.keys() if name.endswith(WIDTH_OF)}  # noqa: SIM118
+    except SafetensorError:  # damaged, which loading it tells
+        return SMALL
+    return BASE if widths == {BASE.width} else SMALL
+
+
+class Da3Network:
+    """Depth Anything 3 with its weights on a device.
+
+    Args:
+        weights: file of a checkpoint.
+        settings: its sizes.
+        device: "cpu" or "cuda".
+        precision: of the backbone.
+        chunk: images at a time in the head.
+    """
+
+    def __init__(self, weights: Path, settings: Da3Settings, device: str, precision: torch.dtype, chunk: int) -> None:
+        with torch.device("meta"):
+            self.module = DepthAnything3(settings)
+        load_strictly(self.module, weights, adapt_names)
+        with memory_errors():
+            self.module.to(device).requires_grad_(False).eval()
+        self.device, self.precision, self.chunk = device, precision, chunk
+
+    def predict(self, pixels: np.ndarray) -> VggtOutput:
+        """Cameras and depth of (S, 3, height, width) images, in the frame of the reference camera."""
+        with torch.inference_mode(), memory_errors():
+            images = torch.from_numpy(pixels).to(self.device)
+            with ProgressReport("attention (blocks)", self.module.settings.depth) as report:
+                tokens = self.module.tokens(images, self.precision, after_block=report.advance)
+            with ProgressReport("depth (groups of images)", -(-len(pixels) // self.chunk)) as report:
+                found = self.module.cameras_and_depth(tokens, (images.shape[2], images.shape[3]), self.chunk, report.advance)
+            encodings, depth, confidence = (values.float().cpu().numpy() for values in (invert_encodings(found[0]), *found[1:]))
+            return VggtOutput(encodings, depth, confidence)
+
+
+def predict_peak_bytes(settings: Da3Settings, weights_bytes: int, frames: int, size_px: tuple[int, int], chunk: int, half: bool) -> int:
+    """The most memory that a run takes; the arguments are those of `register.vggt.memory.predict_peak_bytes`."""
+    pixels = size_px[0] * size_px[1]
+    tokens = frames * (pixels // settings.patch_px**2 + 1)
+    kept = tokens * len(settings.layers) * 2 * settings.width
+    attention = kept + tokens * settings.width * TOKEN_WIDTHS[half]
+    dense = kept + min(chunk, frames) * pixels * settings.dense_features * DENSE_MAPS + 2 * frames * pixels
+    return int(PROCESS_BYTES + weights_bytes + VALUE_BYTES * (max(attention, dense) + 3 * frames * pixels))
 
 
 class CameraPredictor(Protocol):

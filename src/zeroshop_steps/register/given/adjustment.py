@@ -14,6 +14,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.capture.cameras_json import GivenCameras
+from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_DEVIATIONS
 from zeroshop_steps.geometry.cameras.pinhole import LEAST_PAIRS, find_centre, fit_similarity_robustly, to_matrix
 from zeroshop_steps.geometry.cameras.transforms import measure_turn_deg
 from zeroshop_steps.register.mapping.mapper import make_adjustment_options, triangulate_points
@@ -23,7 +24,6 @@ from zeroshop_steps.register.scene.image_set import ImageSet
 ROUGH_ERROR_PX, ROUGH_ANGLE_DEG = 30.0, 3.0
 """By which observations may miss a point before the cameras are adjusted: 0.3 degrees are 5 px at 1000 px of focal length."""
 LEAST_POINTS = 15  # seen by an image, for the pictures to turn its camera
-MOST_SIGMAS = 3.0
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,8 @@ class Shifts:
             if values is None:
                 continue
             whole = float(np.sqrt((values**2).mean()))
-            far = [shown[name] for name, sigmas in zip(self.names, values, strict=True) if sigmas > MOST_SIGMAS]
-            if whole > MOST_SIGMAS:
+            far = [shown[name] for name, sigmas in zip(self.names, values, strict=True) if sigmas > AGREEING_DEVIATIONS]
+            if whole > AGREEING_DEVIATIONS:
                 found.append(
                     f"the pictures move the given {what} by {whole:.1f} times the stated deviation: they are noisier than stated, and"
                     " the pictures were believed"
@@ -134,7 +134,7 @@ def adjust(model: pycolmap.Reconstruction, given: GivenCameras, scale_px: float 
     prior_options.alignment_ransac.random_seed = 0
     # A single pose that is wrong does not drag the others along.
     prior_options.ceres.prior_position_loss_function_type = pycolmap.LossFunctionType.CAUCHY
-    prior_options.ceres.prior_position_loss_scale = MOST_SIGMAS * scale_px
+    prior_options.ceres.prior_position_loss_scale = AGREEING_DEVIATIONS * scale_px
     pycolmap.create_pose_prior_bundle_adjuster(options, prior_options, config, priors, model).solve()
 
 

@@ -6,15 +6,14 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera, make_transform
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.cameras.transforms import transform_camera
-from zeroshop_steps.geometry.observation.visual_hull import VisualHull, voxel_centres
+from zeroshop_steps.geometry.observation.visual_hull import COARSE_VOXELS, VisualHull, voxel_centres
 from zeroshop_steps.register.silhouettes.coherence import bound_object
 
 NEAR_SCALE = 1.5  # neighbours' distances to the object differ by at most this factor
 OBJECT_PX, BORDER_PX = 160, 8  # longer side of the object in the small copies that are compared, and what is kept around it
-VOXELS = 96  # along each edge of the hull
 MISSING_SHARE = 0.05  # of the views whose masks may lack a part of the object
 
 
@@ -35,11 +34,10 @@ def make_small_views(views: Sequence[View], near_deg: float) -> tuple[dict[int, 
     pairs = _find_neighbours(cameras, centre, near_deg)
     if not pairs:
         return {}, [], radius
-    to_centre = np.eye(4)
-    to_centre[:3, 3] = -centre
+    to_centre = make_transform(np.eye(3), -centre)
     centred = [transform_camera(camera, to_centre) for camera in cameras]
     allowed = max(1, round(MISSING_SHARE * len(views)))
-    hull = voxel_centres(radius, VOXELS)[VisualHull.carve(centred, masks, radius, VOXELS, allowed).occupied.ravel()]
+    hull = voxel_centres(radius, COARSE_VOXELS)[VisualHull.carve(centred, masks, radius, COARSE_VOXELS, allowed).occupied.ravel()]
     needed = sorted({view for one, other, _ in pairs for view in (one, other)})
     return {view: _shrink(centred[view], masks[view], views[view].image(), hull, radius) for view in needed}, pairs, radius
 
@@ -76,6 +74,6 @@ def _find_front(camera: Camera, mask: np.ndarray, hull: np.ndarray, radius: floa
     rows, columns, depth, seen = camera.find_pixels(hull)
     nearest: np.ndarray = np.full(mask.shape, np.inf, np.float32)
     np.minimum.at(nearest, (rows[seen], columns[seen]), depth[seen])
-    half_px = int(np.ceil(radius / VOXELS * camera.intrinsics[0, 0] / camera.camera_from_world[2, 3]))  # of a voxel's side
+    half_px = int(np.ceil(radius / COARSE_VOXELS * camera.intrinsics[0, 0] / camera.camera_from_world[2, 3]))  # of a voxel's side
     nearest = cv2.erode(nearest, np.ones((2 * half_px + 1,) * 2, np.uint8))
     return np.where(mask & np.isfinite(nearest), nearest, 0.0)

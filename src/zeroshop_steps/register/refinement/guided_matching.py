@@ -14,7 +14,7 @@ import numpy as np
 import pycolmap
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera, make_transform
 from zeroshop_steps.geometry.cameras.transforms import transform_camera
 from zeroshop_steps.geometry.imaging.images import read_image
 from zeroshop_steps.geometry.observation.visual_hull import VisualHull, find_inside_masks
@@ -142,8 +142,7 @@ def match_along_hull(cameras: Sequence[Camera], masks: dict[str, np.ndarray], im
         In pixels of the given cameras. A corner that no other view shows has no track.
     """
     centre, radius = bound_object(list(cameras), [masks[camera.name] for camera in cameras])
-    to_centre = np.eye(4)
-    to_centre[:3, 3] = -centre
+    to_centre = make_transform(np.eye(3), -centre)
     small, small_masks = shrink_masks([transform_camera(camera, to_centre) for camera in cameras], masks)
     views = [_SmallView(camera, small_masks[camera.name], _resize(image, camera)) for camera, image in zip(small, images, strict=True)]
     hull = _Hull.carve(views, radius)

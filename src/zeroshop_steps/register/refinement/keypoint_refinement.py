@@ -30,9 +30,9 @@ LEAST_CORRELATION, MOST_SHIFT_PX, MOST_STRETCH = 0.85, 3.0, 2.0
 """A patch that resembles the reference less, lies farther off, or grows or shrinks by more than this is not aligned."""
 CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 1e-3)
 SMOOTHING_PX = 3  # side of the Gaussian over patches
+ITERATIONS = 100  # of each round, at most
 LOSS_SCALES_PX = (0.5, 0.2, 0.2)
 """Of the Cauchy loss, one round of adjustment each, per 1000 px of the images' longer side; aligned patches lie within 0.1 px."""
-ITERATIONS = 100  # of each round, at most
 MOST_ERROR_PX = 1.0  # of an aligned point after that, likewise
 LEAST_ALIGNED = 50  # points; fewer do not hold cameras better than what was there
 WEAK = 30  # aligned observations; an image with fewer keeps the others, too

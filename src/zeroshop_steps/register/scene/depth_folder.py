@@ -13,11 +13,11 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.capture.cameras_json import FILE, read_given_cameras
+from zeroshop_steps.geometry.alignment.robust_estimates import robust_deviation
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
 from zeroshop_steps.geometry.imaging.image_files import check_kind
 from zeroshop_steps.geometry.imaging.images import decode_image
-from zeroshop_steps.geometry.support.ground_plane import DEVIATION_OF_MEDIAN
 from zeroshop_steps.register.scene.record import find_lens
 from zeroshop_steps.register.scene.undistortion import undistort_by_lens
 from zeroshop_steps.runtime.errors import StepError
@@ -108,7 +108,7 @@ class DepthFolder:
         """
         values = np.array(list(ratios.values()))
         scale_mm = float(np.median(values))
-        spread = DEVIATION_OF_MEDIAN * float(np.median(np.abs(values / scale_mm - 1.0)))
+        spread = robust_deviation(values / scale_mm - 1.0)
         share = float(np.median(list(off.values())))
         if share > MOST_OFF or spread > OFF_DIAGONALS:
             worst = max(off, key=lambda name: off[name])

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera, make_transform
 from zeroshop_steps.geometry.cameras.transforms import make_cross_matrices
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 from zeroshop_steps.register.silhouettes.coherence import bound_object
@@ -144,8 +144,7 @@ class SilhouetteAdjustment:
         factor = np.diag([np.exp(self.state.log_focal)] * 2 + [1.0])
         adjusted = []
         for camera, rotation, translation in zip(self.cameras, self.state.rotation, self.state.translation, strict=True):
-            pose = np.eye(4)
-            pose[:3, :3], pose[:3, 3] = rotation, translation * self.radius - rotation @ self.centre
+            pose = make_transform(rotation, translation * self.radius - rotation @ self.centre)
             intrinsics = camera.intrinsics.copy()
             intrinsics[:2, :2] = intrinsics[:2, :2] @ factor[:2, :2]
             adjusted.append(replace(camera, camera_from_world=pose, intrinsics=intrinsics))

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 TURNS = 8  # of the step and of the set of rays that miss
-RIM_DEVIATION_PX = 0.3  # of a rim that runs along pixels, evenly spread within one: 1 / sqrt(12); per 1000 px of the image
+RIM_DEVIATION_PX = float(np.sqrt(1 / 12))  # of a rim that runs along pixels, evenly spread within one; per 1000 px of the image
 USUAL_DEPTH = 0.1  # by which a touched point moves along its ray, in radii of the object, beyond which the linear model means little
 
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from zeroshop_steps.geometry.cameras.viewpoints import SAME_DIRECTION_DEG
 from zeroshop_steps.register.silhouettes.coarse_coherence import FARTHEST_PX, measure_misses, try_places
 from zeroshop_steps.register.silhouettes.epipolar_tangency import adjust_by_tangents
 from zeroshop_steps.register.silhouettes.pose_search import (
     ABOVE_DEG,
     EVERY,
     NARROW,
-    SAME_DEG,
     USUAL_TOLERANCE,
     PoseHypothesis,
     compute_looks,
@@ -44,7 +44,7 @@ def find_alternatives(way: PoseHypothesis, outlines: Outlines, elevations_deg: t
     for number in range(count):
         own = compute_looks(way.views[number][None], 0.0)[0]
         for views in _lay(way, number, placed, outlines, elevations_deg, own):
-            if compute_looks(views[number][None], 0.0)[0] @ own > np.cos(np.radians(SAME_DEG)):
+            if compute_looks(views[number][None], 0.0)[0] @ own > np.cos(np.radians(SAME_DIRECTION_DEG)):
                 continue  # it came home
             misses = measure_misses(views, way.log_focal, placed, outlines, 1)
             least[number] = min(least[number], max(misses[number], float(np.maximum(misses - base, 0).sum() - misses[number])))
@@ -102,7 +102,7 @@ def _lay(
     """
     places = make_places(ABOVE_RANGE_DEG if elevations_deg == ABOVE_DEG else ANYWHERE_RANGE_DEG, GRID_DEG)
     if away_from is not None:
-        places = places[compute_looks(places, 0.0) @ away_from < np.cos(np.radians(SAME_DEG + GRID_DEG / 2))]
+        places = places[compute_looks(places, 0.0) @ away_from < np.cos(np.radians(SAME_DIRECTION_DEG + GRID_DEG / 2))]
     others = placed[placed != number]
     costs, laid = try_places(number, places, way.views, way.log_focal, others, outlines, EVERY, FOLLOWED)
     for place in np.argsort(costs, kind="stable")[:FOLLOWED]:

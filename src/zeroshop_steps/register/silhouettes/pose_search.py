@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
-from zeroshop_steps.geometry.cameras.viewpoints import make_intrinsics
+from zeroshop_steps.geometry.cameras.viewpoints import SAME_DIRECTION_DEG, make_intrinsics
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX, ImageSet
 from zeroshop_steps.register.silhouettes.coarse_coherence import PRIOR_PX, measure_misses, try_places
 from zeroshop_steps.register.silhouettes.coherence import choose_rim_pixels
@@ -26,7 +26,6 @@ ABOVE_DEG, ANYWHERE_DEG = (5, 65), (-65, 65)  # elevations at which views are pl
 BEAM = ((3, 240), (4, 240), (5, 120), (6, 40), (8, 12), (12, 6))  # ways that are kept, from so many views on
 BRANCHES = 6  # places of a view that are followed in each way
 PAIRS = BRANCHES * BEAM[0][1]  # ways of two views that are kept, more than there are above the object: nearly any two fit in most places
-SAME_DEG = 8.0  # ways whose views all look from as nearly one direction are one
 EVERY = 2  # of the rims' points that are looked at while views are laid
 WIDE, USUAL_TOLERANCE, NARROW = 0.15, 0.05, 0.02
 FOCAL_FROM = 6  # views that say the focal length
@@ -166,7 +165,7 @@ def keep_distinct(ways: list[PoseHypothesis], placed: np.ndarray, width: int) ->
     looks: list[np.ndarray] = []
     for way in ways:
         look = compute_looks(way.views[placed], way.views[placed[0], 0])
-        if all(np.degrees(np.arccos(np.clip((look * other).sum(1), -1, 1))).max() > SAME_DEG for other in looks):
+        if all(np.degrees(np.arccos(np.clip((look * other).sum(1), -1, 1))).max() > SAME_DIRECTION_DEG for other in looks):
             kept.append(way)
             looks.append(look)
         if len(kept) == width:
@@ -178,7 +177,7 @@ def count_differing(one: PoseHypothesis, other: PoseHypothesis) -> int:
     """How many views look from other directions in two ways, turned onto each other as most views say."""
     turn = np.angle(np.exp(1j * (other.views[:, 0] - one.views[:, 0])))
     cosines = [(compute_looks(one.views, 0.0) * compute_looks(other.views, angle)).sum(1) for angle in turn]
-    return int(min((np.degrees(np.arccos(np.clip(row, -1, 1))) > SAME_DEG).sum() for row in cosines))
+    return int(min((np.degrees(np.arccos(np.clip(row, -1, 1))) > SAME_DIRECTION_DEG).sum() for row in cosines))
 
 
 def compute_looks(views: np.ndarray, zero: float) -> np.ndarray:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
+from zeroshop_steps.geometry.imaging.images import sample_bilinear
 from zeroshop_steps.register.silhouettes.coherence import choose_rim_pixels
 from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
 
@@ -17,7 +18,6 @@ DEPTHS, FINER, LEVELS = 64, 9, 2
 object misses by 0.35 px at the best of 64 depths, and by 0.04 px where it touches."""
 WORST = 3  # views in which a ray misses most
 NEAR_PX = 2.0  # a ray so far inside a mask says nothing about its rim
-ROW = 4096  # pixels that are looked up in one row: OpenCV allows no more than 32767
 
 Place = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 Look = Callable[[int, np.ndarray], np.ndarray]
@@ -108,13 +108,7 @@ def make_outline_distance(mask: np.ndarray) -> np.ndarray:
 
 def look_up_many(values: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """(K,) float32 an image at (K, 2) pixels, between its pixels linearly; beyond its border as on it."""
-    count = len(pixels)
-    rows = -(-count // ROW)
-    places = np.zeros((rows * ROW, 2), np.float32)
-    places[:count] = np.clip(pixels - 0.5, -1e4, 1e5)
-    x, y = places.reshape(rows, ROW, 2).transpose(2, 0, 1)
-    found: np.ndarray = cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return found.ravel()[:count]
+    return sample_bilinear(values, np.clip(pixels - 0.5, -1e4, 1e5), cv2.BORDER_REPLICATE)
 
 
 def measure_slope(distance: np.ndarray, pixels: np.ndarray) -> np.ndarray:

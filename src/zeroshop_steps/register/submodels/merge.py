@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.cameras.pinhole import to_rigid
+from zeroshop_steps.geometry.cameras.pinhole import make_transform, to_rigid
 from zeroshop_steps.geometry.cameras.registered_views import read_views
 from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_points
 from zeroshop_steps.register.mapping.reregistration import refine_robustly
@@ -123,9 +123,8 @@ def merge_models(
         image = source.images[image_id]
         if image_id in merged.images and merged.images[image_id].has_pose:
             continue
-        pose = np.eye(4)
-        pose[:3, :3] = image.cam_from_world().rotation.matrix() @ rotation.T
-        pose[:3, 3] = -pose[:3, :3] @ transform_points(image.projection_center()[None], target_from_source)[0]
+        turned = image.cam_from_world().rotation.matrix() @ rotation.T
+        pose = make_transform(turned, -turned @ transform_points(image.projection_center()[None], target_from_source)[0])
         if image_id in merged.images:
             merged.frames[image.frame_id].set_cam_from_world(image.camera_id, to_rigid(pose))
             merged.register_frame(image.frame_id)

@@ -17,10 +17,10 @@ from scipy.spatial.transform import Rotation
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.registered_views import View, space_evenly
 from zeroshop_steps.geometry.cameras.transforms import compute_scale, move_similarity
+from zeroshop_steps.geometry.cameras.viewpoints import SAME_DIRECTION_DEG
 from zeroshop_steps.geometry.support.ground_plane import estimate_up_from_roll
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 from zeroshop_steps.register.silhouettes.coherence import bound_object, choose_rim_pixels
-from zeroshop_steps.register.silhouettes.pose_search import SAME_DEG
 from zeroshop_steps.register.silhouettes.rays import look_up_many, make_outline_distance
 
 RAYS, STEPS = 40, 192
@@ -165,7 +165,7 @@ def keep_distinct(found: list[Hypothesis]) -> list[Hypothesis]:
     """Those that differ by a turn from all that miss by less, the best first."""
     distinct: list[Hypothesis] = []
     for hypothesis in sorted(found, key=lambda hypothesis: hypothesis.miss_px):
-        if all(measure_between_deg(hypothesis.target_from_source, other.target_from_source) > SAME_DEG for other in distinct):
+        if all(measure_between_deg(hypothesis.target_from_source, other.target_from_source) > SAME_DIRECTION_DEG for other in distinct):
             distinct.append(hypothesis)
     return distinct
 

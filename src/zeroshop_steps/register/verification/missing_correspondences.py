@@ -16,21 +16,21 @@ import numpy as np
 import pycolmap
 from scipy.spatial import cKDTree
 
+from zeroshop_steps.geometry.alignment.surface_points import PLANE_NEIGHBOURS
 from zeroshop_steps.geometry.cameras.pinhole import Camera, take_cameras
+from zeroshop_steps.geometry.imaging.image_overlap import SIDE_PX
 from zeroshop_steps.geometry.imaging.images import read_image
 from zeroshop_steps.register.photometry.score import LEAST_CONTRAST, correlate
 from zeroshop_steps.register.photometry.transfer import carry_by_plane
 from zeroshop_steps.register.verification.covisibility import find_neighbours
 
 # Set on whole scenes of photos and film frames, right ones and wrong ones.
-WIDTH_PX = 640  # longer side of the small copies that are compared: blurred images agree there
 PATCH_PX, PLAY_PX = 15, 5  # what is compared, and how far it may lie beside its place
 MOST_ANGLE_DEG, MOST_SCALE = 20.0, 1.4
 """Between the rays to a point, and between its distances: farther apart, even a plane looks different."""
 MOST_POINTS, LEAST_POINTS = 40, 10  # of a pair, in either direction: that are compared, and that tell something
 OTHER_PLACES, LEAST_PLACES = 10, 3
 AWAY_PX = PATCH_PX * 3  # other places are so far from the point's own
-PLANE_POINTS = 12  # nearest points, which span the plane around a point
 LEAST_SLOPE = 0.1  # cosine between a plane's normal and the ray to a camera; flatter planes are seen too obliquely to be carried
 MOST_PAIRS = 150  # that are compared, drawn at random
 LIKE_SHARE = 0.7
@@ -76,7 +76,7 @@ def find_mismatched_pairs(model: pycolmap.Reconstruction, folder: Path) -> tuple
 
 
 def _shrink(camera: Camera, folder: Path, seen: np.ndarray) -> _Image:
-    scale = min(1.0, WIDTH_PX / max(camera.width_px, camera.height_px))
+    scale = min(1.0, SIDE_PX / max(camera.width_px, camera.height_px))
     camera = camera.resized(round(camera.width_px * scale), round(camera.height_px * scale))
     grey = cv2.cvtColor(read_image(folder / camera.name), cv2.COLOR_RGB2GRAY)
     return _Image(camera, cv2.resize(grey, (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA).astype(np.float32), seen)
@@ -85,9 +85,9 @@ def _shrink(camera: Camera, folder: Path, seen: np.ndarray) -> _Image:
 def _span_planes(model: pycolmap.Reconstruction) -> np.ndarray:
     """(P, 3) unit normals of the planes that the nearest points of each point span."""
     points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
-    if len(points) < PLANE_POINTS:
+    if len(points) < PLANE_NEIGHBOURS:
         return np.zeros_like(points)
-    near = points[cKDTree(points).query(points, PLANE_POINTS)[1]]
+    near = points[cKDTree(points).query(points, PLANE_NEIGHBOURS)[1]]
     away = near - near.mean(1, keepdims=True)
     return np.asarray(np.linalg.eigh(np.einsum("pki,pkj->pij", away, away))[1][:, :, 0])
 

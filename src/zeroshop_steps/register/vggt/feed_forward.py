@@ -7,7 +7,7 @@ import numpy as np
 import pycolmap
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.cameras.pinhole import Camera, to_rigid
+from zeroshop_steps.geometry.cameras.pinhole import Camera, make_transform, to_rigid
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX, ImageSet, read_masks
 from zeroshop_steps.register.scene.record import Evidence, Fault, RegistrationFailed
 from zeroshop_steps.register.silhouettes.coherence import measure_silhouette_coherence
@@ -55,9 +55,7 @@ def decode_cameras(encodings: np.ndarray, frames: Frames) -> list[Camera]:
             )
         focal = np.array(frames.network_size_px) / 2 / np.tan(np.radians(fov_deg) / 2) / frames.scale
         intrinsics = np.array([[focal[0], 0.0, frames.size_px[0] / 2], [0.0, focal[1], frames.size_px[1] / 2], [0.0, 0.0, 1.0]])
-        camera_from_world = np.eye(4)
-        camera_from_world[:3, :3] = Rotation.from_quat(row[3:7]).as_matrix()
-        camera_from_world[:3, 3] = row[:3]
+        camera_from_world = make_transform(Rotation.from_quat(row[3:7]).as_matrix(), row[:3])
         cameras.append(Camera(name, *frames.size_px, intrinsics, camera_from_world))
     return cameras
 

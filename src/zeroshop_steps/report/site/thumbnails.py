@@ -10,24 +10,19 @@ from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.report.site.results_index import Run
-from zeroshop_steps.report.site.viewer_data import QUALITY
+from zeroshop_steps.report.site.viewer_data import VIEW_PX, encode_webp
 from zeroshop_steps.report.site.viewer_meshes import TrueModel
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_write
 
-THUMBNAIL_PX = 320
 FRONT = np.array([1.0, -0.55, 0.45])
 """Towards the camera, in the frame of the mesh: a little from the right and from above, so that three sides show."""
 
 
 def write_webp(path: Path, image: np.ndarray) -> None:
     """Write (height, width, 3 or 4) uint8 RGB or RGBA as WebP."""
-    swapped = cv2.cvtColor(image, cv2.COLOR_RGBA2BGRA if image.shape[2] == 4 else cv2.COLOR_RGB2BGR)
-    made, data = cv2.imencode(".webp", swapped, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
-    if not made:
-        raise StepError(f"{path} could not be written as WebP; OpenCV lacks it, install it again")
     with atomic_write(path) as temporary:
-        temporary.write_bytes(data.tobytes())
+        temporary.write_bytes(encode_webp(image))
 
 
 def render_thumbnail(runs: list[Run], truth: TrueModel | None) -> np.ndarray | None:
@@ -37,7 +32,7 @@ def render_thumbnail(runs: list[Run], truth: TrueModel | None) -> np.ndarray | N
     if mesh is None:
         return None
     low, high = mesh.vertices.min(0), mesh.vertices.max(0)
-    camera = place_around((low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-9), FRONT, THUMBNAIL_PX)
+    camera = place_around((low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-9), FRONT, VIEW_PX)
     color, coverage = MeshRenderer(mesh).render_cut_out(camera)
     return np.dstack([color, coverage])
 

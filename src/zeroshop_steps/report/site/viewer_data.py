@@ -17,10 +17,11 @@ from zeroshop_steps.report.site.mesh_reduction import ReducedMesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
 
+VIEW_PX = 300  # side of a picture or a plot
 QUALITY = 82  # 0 to 100, of WebP
 UNSEEN = 255
 """The value of a distance that does not count, such as on the unseen underside."""
-LARGEST = 254  # the value of the largest distance that is shown
+LARGEST = UNSEEN - 1  # the value of the largest distance that is shown
 POINTS = 6000  # of the sparse model at most, those that most photos see; more would only make the page larger
 
 
@@ -95,9 +96,15 @@ def encode_array(values: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
 
 
+def encode_webp(image: np.ndarray) -> bytes:
+    """(height, width, 3 or 4) uint8 RGB or RGBA as WebP."""
+    swapped = cv2.cvtColor(image, cv2.COLOR_RGBA2BGRA if image.shape[2] == 4 else cv2.COLOR_RGB2BGR)
+    made, data = cv2.imencode(".webp", swapped, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    if not made:
+        raise StepError(f"a picture of {image.shape[1]} x {image.shape[0]} px could not be written as WebP; OpenCV lacks it")
+    return data.tobytes()
+
+
 def encode_texture(image: np.ndarray) -> str:
     """(height, width, 3) uint8 RGB as a WebP data URL."""
-    made, data = cv2.imencode(".webp", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
-    if not made:
-        raise StepError(f"a texture of {image.shape[1]} x {image.shape[0]} px could not be written as WebP; OpenCV lacks it")
-    return "data:image/webp;base64," + base64.b64encode(data.tobytes()).decode("ascii")
+    return "data:image/webp;base64," + base64.b64encode(encode_webp(image)).decode("ascii")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps.geometry.alignment.surface_distance import count_seeing_views, measure_distances
-from zeroshop_steps.geometry.cameras.pinhole import align_to_truth, pair_with_truth, read_sparse_model
+from zeroshop_steps.geometry.cameras.pinhole import align_to_truth, make_transform, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.cameras.registered_views import read_first_cameras
 from zeroshop_steps.geometry.cameras.transforms import compute_scale, transform_points
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
@@ -125,9 +125,7 @@ def _transform_mesh(mesh: Mesh, transform: np.ndarray) -> Mesh:
 def _invert_rigidly(similarity: np.ndarray) -> np.ndarray:
     """The inverse of a similarity without its scale, so that the true model keeps its size."""
     rotation = similarity[:3, :3] / compute_scale(similarity)
-    inverse = np.eye(4)
-    inverse[:3, :3], inverse[:3, 3] = rotation.T, -rotation.T @ similarity[:3, 3]
-    return inverse
+    return make_transform(rotation.T, -rotation.T @ similarity[:3, 3])
 
 
 def _find_unseen(small: ReducedMesh, mesh: Mesh, underside: dict) -> np.ndarray:

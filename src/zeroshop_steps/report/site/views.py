@@ -14,11 +14,11 @@ from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.report.site.results_index import Cell, Run
 from zeroshop_steps.report.site.thumbnails import fit_width, write_webp
+from zeroshop_steps.report.site.viewer_data import VIEW_PX
 from zeroshop_steps.report.site.viewer_meshes import compute_truth_from_object, read_object_frame
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure
 
-VIEW_PX = 300
 MISSING, MISSING_EDGE_PX = (196, 60, 48), 6
 """Frame of a photo without a camera: the report's red, wide enough to stand out."""
 FADED, PALE_LEVEL = 0.25, 170

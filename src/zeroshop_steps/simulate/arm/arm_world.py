@@ -7,12 +7,14 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
+import scipy.constants
 
+from zeroshop_steps.geometry.cameras.pinhole import make_transform
 from zeroshop_steps.grasp.gripper import Gripper
 from zeroshop_steps.scan.arm.arm_reach import CameraHand
 from zeroshop_steps.scan.arm.kinematics import JOINTS, Arm, Capsule
 from zeroshop_steps.simulate.dynamics.mujoco_world import FINGERS, TABLE, add_hand, add_servo, quaternion
-from zeroshop_steps.simulate.dynamics.physics import GRAVITY, USUAL, Physics
+from zeroshop_steps.simulate.dynamics.physics import USUAL, Physics
 
 THING, CAMERA, FLANGE = "thing", "camera", "flange"
 STIFFNESS_NM_RAD, MOST_TORQUE_NM = 20000.0, 330.0  # of the servos: stiff as industrial ones; a UR10e's largest torque
@@ -25,9 +27,7 @@ CAMERA_HALF_M = (0.018, 0.045, 0.0125)  # half the sides of the camera's housing
 
 def hand_with_camera(gripper: Gripper) -> CameraHand:
     """A gripper behind whose fingers, beside the palm, a camera looks along the hand's z; fingers stay below its image."""
-    flange_from_camera = np.eye(4)
-    flange_from_camera[:3, :3] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-    flange_from_camera[:3, 3] = MOUNT_M
+    flange_from_camera = make_transform([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], MOUNT_M)
     x, y, z = MOUNT_M.tolist()
     radius_m = max(gripper.palm_size_m[:2]) / 2
     tip_m = float(flange_from_gripper(gripper)[2, 3]) + gripper.tip_m
@@ -40,9 +40,7 @@ def hand_with_camera(gripper: Gripper) -> CameraHand:
 
 def flange_from_gripper(gripper: Gripper) -> np.ndarray:
     """(4, 4) m: the back of the palm is on the flange."""
-    transform = np.eye(4)
-    transform[2, 3] = gripper.palm_size_m[2] - gripper.palm_front_m
-    return transform
+    return make_transform(np.eye(3), [0.0, 0.0, gripper.palm_size_m[2] - gripper.palm_front_m])
 
 
 class ArmWorld:
@@ -83,9 +81,7 @@ class ArmWorld:
 
     def camera_pose(self) -> np.ndarray:
         """(4, 4) world_from_camera where it truly is, with OpenCV's axes."""
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = self.data.body(CAMERA).xmat.reshape(3, 3), self.data.body(CAMERA).xpos
-        return pose
+        return make_transform(self.data.body(CAMERA).xmat.reshape(3, 3), self.data.body(CAMERA).xpos)
 
     def follow(self, waypoints_rad: Sequence[np.ndarray]) -> float:
         """Move through postures, and wait until the arm is at rest. Returns how far the joints are then off the last one, at most, rad.
@@ -121,7 +117,7 @@ class ArmWorld:
         spec = mujoco.MjSpec()
         spec.compiler.degree = False
         spec.option.timestep = self.physics.step_s
-        spec.option.gravity = [0.0, 0.0, -GRAVITY]
+        spec.option.gravity = [0.0, 0.0, -scipy.constants.g]
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         spec.worldbody.add_geom(name=TABLE, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2.0, 2.0, 0.1])
         if thing is not None:

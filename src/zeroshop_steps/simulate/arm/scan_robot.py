@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera, make_transform
 from zeroshop_steps.geometry.cameras.viewpoints import make_intrinsics
 from zeroshop_steps.grasp.gripper import Gripper
 from zeroshop_steps.runtime.errors import StepError
@@ -76,10 +76,9 @@ class ScanRobot:
             raise StepError(
                 f"the arm was blocked {np.degrees(off_rad):.1f} degrees before its goal; is the box around the object too small?"
             )
-        shift = np.eye(4)
-        shift[:3, 3] = self._rng.normal(0.0, self._deviations[0], 3)
-        shift[:3, :3] = Rotation.from_rotvec(self._rng.normal(0.0, self._deviations[1], 3)).as_matrix()
-        read = self.reach.find_camera(self.world.joints_rad) @ shift
+        shift, turn = (self._rng.normal(0.0, deviation, 3) for deviation in self._deviations)
+        off = make_transform(Rotation.from_rotvec(turn).as_matrix(), shift)
+        read = self.reach.find_camera(self.world.joints_rad) @ off
         return Stop(self.sphere.camera_at(self.world.camera_pose()), read, self.world.touched)
 
     def reachable_views(self) -> list[np.ndarray]:

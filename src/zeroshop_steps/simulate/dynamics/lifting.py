@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from zeroshop_steps.geometry.cameras.pinhole import make_transform
 from zeroshop_steps.grasp.gripper import Gripper
 from zeroshop_steps.simulate.dynamics.mujoco_world import World
 from zeroshop_steps.simulate.dynamics.physical_body import PhysicalBody
@@ -52,10 +53,8 @@ class Lift:
 
 def settle(body: PhysicalBody, world_from_object: np.ndarray, gripper: Gripper, physics: Physics) -> np.ndarray:
     """world_from_object of the object at rest, (4, 4) in metres, after it was let go at `world_from_object`; no gripper is near."""
-    far = np.eye(4)
-    far[2, 3] = 2.0
-    world = World(body, world_from_object, gripper, far, physics)
-    return _wait_for_rest(world)
+    far = make_transform(np.eye(3), [0.0, 0.0, 2.0])
+    return _wait_for_rest(World(body, world_from_object, gripper, far, physics))
 
 
 def lift(

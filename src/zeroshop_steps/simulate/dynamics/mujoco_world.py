@@ -7,11 +7,13 @@ from collections.abc import Iterator
 
 import mujoco
 import numpy as np
+import scipy.constants
 from scipy.spatial.transform import Rotation
 
+from zeroshop_steps.geometry.cameras.pinhole import make_transform
 from zeroshop_steps.grasp.gripper import Gripper
 from zeroshop_steps.simulate.dynamics.physical_body import PhysicalBody
-from zeroshop_steps.simulate.dynamics.physics import GRAVITY, Physics
+from zeroshop_steps.simulate.dynamics.physics import Physics
 
 # Contacts are stiff and springs of the servos are damped critically: a choice of the solver, not of the robot.
 SOLREF, SOLIMP = (0.005, 1.0), (0.95, 0.99, 0.001, 0.5, 2.0)
@@ -33,7 +35,7 @@ def build_model(
     """The world with the object at its place and the open gripper at its own, (4, 4) each in metres."""
     spec = mujoco.MjSpec()
     spec.option.timestep = physics.step_s
-    spec.option.gravity = [0.0, 0.0, -GRAVITY]
+    spec.option.gravity = [0.0, 0.0, -scipy.constants.g]
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0
@@ -70,8 +72,7 @@ def _add_gripper(spec: mujoco.MjSpec, gripper: Gripper, world_from_gripper: np.n
     for name, axis in zip(CARRIAGE_AXES, np.eye(3), strict=True):
         carriage.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
         add_servo(spec, name, physics.arm_stiffness_n_m, float(damping), physics.arm_force_n)
-    turned = np.eye(4)
-    turned[:3, :3] = world_from_gripper[:3, :3]
+    turned = make_transform(world_from_gripper[:3, :3], np.zeros(3))
     add_hand(spec, carriage, gripper, turned, physics)
     for finger in FINGERS:
         spec.add_exclude(bodyname1="carriage", bodyname2=finger)
@@ -199,9 +200,7 @@ class World:
         return ((step + 1) / count for step in range(count))
 
     def _pose(self, name: str) -> np.ndarray:
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = self.data.body(name).xmat.reshape(3, 3), self.data.body(name).xpos
-        return pose
+        return make_transform(self.data.body(name).xmat.reshape(3, 3), self.data.body(name).xpos)
 
     def _geoms_of(self, name: str) -> set[int]:
         number = self.model.body(name).id

@@ -5,8 +5,6 @@ docs/stages/simulate.md says where each is from.
 
 from dataclasses import dataclass
 
-GRAVITY = 9.81  # m/s2
-
 
 @dataclass(frozen=True)
 class Physics:

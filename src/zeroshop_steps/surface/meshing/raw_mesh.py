@@ -6,14 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.object_crops import ObjectSphere
+from zeroshop_steps.geometry.meshes.mesh_repair import find_triangles
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
 from zeroshop_steps.runtime.errors import is_out_of_memory
 from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.runtime.open3d_loader import o3d
 from zeroshop_steps.surface.rendering.training_views import TrainingView, make_training_views, read_camera_set
 
-GRID_BLOCK = 16
-"""Voxels along an edge of a block of Open3D's grid."""
 OFFSET_VOXELS = 2.0
 """The surface is moved by at most this to bring its silhouettes onto the masks (`silhouettes.fit_to_masks`). Soft surfels put the
 whole surface about half a voxel inside; more than two voxels would be another fault."""
@@ -27,7 +26,7 @@ def read_mesh_views(cameras: Path, sphere: ObjectSphere, image_width_px: int) ->
 def make_tsdf_grid(voxel: float, blocks: int) -> o3d.t.geometry.VoxelBlockGrid:
     """An empty grid of truncated signed distances; voxel: its edge; blocks: for how many there is room at first."""
     attributes = (o3d.core.float32, o3d.core.float32)
-    return o3d.t.geometry.VoxelBlockGrid(("tsdf", "weight"), attributes, ((1), (1)), voxel, GRID_BLOCK, blocks)
+    return o3d.t.geometry.VoxelBlockGrid(("tsdf", "weight"), attributes, ((1), (1)), voxel, block_count=blocks)
 
 
 def extract_mesh(grid: o3d.t.geometry.VoxelBlockGrid, weight_min: float) -> Mesh | None:
@@ -51,7 +50,7 @@ def sort_mesh(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
     faces = index.reshape(-1)[faces]
     first = faces.argmin(axis=1)
     faces = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
-    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 0] != faces[:, 2])]
+    faces = faces[find_triangles(faces)]
     return Mesh(unique, faces[np.lexsort(faces.T[::-1])])
 
 

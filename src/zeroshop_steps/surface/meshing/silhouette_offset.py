@@ -7,8 +7,9 @@ tell this amount.
 
 import cv2
 import numpy as np
+from scipy.stats import trim_mean
 
-from zeroshop_steps.geometry.meshes.smoothing import smooth_taubin
+from zeroshop_steps.geometry.meshes.meshlab import VOXEL_STEPS, from_meshlab, smooth_taubin, to_meshlab
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
@@ -18,8 +19,6 @@ ROUNDS = 2
 """Times that the gap is measured and the mesh moved: the second round sees what the first has left."""
 TRIMMED_SHARE = 0.25
 """Share of the contour's gaps that is left out at either end: the open rim on the ground, and parts that are missing."""
-SMOOTHING_STEPS = 10
-"""Of Taubin's filter, before normals are taken."""
 CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
@@ -39,9 +38,8 @@ def measure_gap_to_masks(mesh: Mesh, views: list[TrainingView], inside_px: list[
         silhouette = (depth > 0).astype(np.uint8)
         contour = silhouette > cv2.erode(silhouette, CROSS, borderType=cv2.BORDER_CONSTANT, borderValue=1)
         gaps.append(inside[contour] * depth[contour] / view.camera.intrinsics[0, 0])
-    ordered = np.sort(np.concatenate(gaps))
-    ends = int(TRIMMED_SHARE * len(ordered))
-    return float(ordered[ends : len(ordered) - ends].mean()) if len(ordered) else 0.0
+    found = np.concatenate(gaps)
+    return float(trim_mean(found, TRIMMED_SHARE)) if len(found) else 0.0
 
 
 def measure_inside(mask: np.ndarray) -> np.ndarray:
@@ -61,7 +59,9 @@ def fit_to_masks(mesh: Mesh, views: list[TrainingView], limit: float) -> tuple[M
     """
     offset = 0.0
     inside_px = map_in_threads(lambda view: measure_inside(view.mask.numpy() > 0.5), views)
-    normals = smooth_taubin(mesh, SMOOTHING_STEPS).vertex_normals
+    smoothed = to_meshlab(mesh)
+    smooth_taubin(smoothed, VOXEL_STEPS)
+    normals = from_meshlab(smoothed).vertex_normals
     for _ in range(ROUNDS):
         moved = Mesh(mesh.vertices + offset * normals, mesh.faces)
         offset = float(np.clip(offset + measure_gap_to_masks(moved, views, inside_px), -limit, limit))

@@ -14,6 +14,7 @@ import numba
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.object_crops import STRIDE_PX
+from zeroshop_steps.geometry.observation.visibility import EDGE_ON_COSINE
 
 FX, FY, CX, CY = 12, 13, 14, 15
 """Where a camera's row holds its intrinsics, in pixels."""
@@ -53,8 +54,6 @@ COSINE_MIN, COSINE_BENT = 0.2, 0.25
 """Where the cosine between normal and viewing ray is below the first, it is clamped to the second."""
 GRAZING = 1e-6
 """A ray that meets a plane at a lower slope does not meet it."""
-COSINE_OTHER_MIN = 0.05
-"""The plane that another view has found is not used where that view sees it at a lower cosine: its depth is then too uncertain."""
 
 
 @numba.njit(cache=True, forceinline=True)
@@ -220,7 +219,7 @@ def _depth_cost(row, other, depth, normal, y, x, u, v):
         nx, ny, nz = normal[gy, gx, 0], normal[gy, gx, 1], normal[gy, gx, 2]
         dx, dy = (u + half - other[CX]) / other[FX], (v + half - other[CY]) / other[FY]
         ahead = nx * dx + ny * dy + nz
-        if ahead < real(-COSINE_OTHER_MIN):
+        if ahead < real(-EDGE_ON_COSINE):
             px, py = (real(gx * STRIDE_PX) + half - other[CX]) / other[FX], (real(gy * STRIDE_PX) + half - other[CY]) / other[FY]
             wx, wy, wz = unproject_ray(other, dx, dy, depth[gy, gx] * (nx * px + ny * py + nz) / ahead)
             back_u, back_v, _ = project_point(row, wx, wy, wz)

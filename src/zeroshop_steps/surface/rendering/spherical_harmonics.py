@@ -3,9 +3,8 @@
 import math
 
 import numba
-import torch
 
-SH_CONSTANT = 0.28209479177387814
+SH_CONSTANT = 0.5 / math.sqrt(math.pi)
 _C1 = 0.4886025119029199
 _C2 = (1.0925484305920792, -1.0925484305920792, 0.31539156525252005, -1.0925484305920792, 0.5462742152960396)
 _C3 = (
@@ -79,14 +78,3 @@ def view_direction(points, i, camera):
     x, y, z = points[i, 0] - camera_centre(camera, 0), points[i, 1] - camera_centre(camera, 1), points[i, 2] - camera_centre(camera, 2)
     length = max(math.sqrt(x * x + y * y + z * z), 1e-12)
     return x / length, y / length, z / length, length
-
-
-def spherical_harmonics(directions: torch.Tensor) -> torch.Tensor:
-    """(N, 3) unit directions to (N, 16) real spherical harmonics of degree 0 to 3."""
-    x, y, z = directions.unbind(-1)
-    xx, yy, zz = x * x, y * y, z * z
-    basis = [torch.full_like(x, SH_CONSTANT), -_C1 * y, _C1 * z, -_C1 * x]
-    basis += [_C2[0] * x * y, _C2[1] * y * z, _C2[2] * (2 * zz - xx - yy), _C2[3] * x * z, _C2[4] * (xx - yy)]
-    basis += [_C3[0] * y * (3 * xx - yy), _C3[1] * x * y * z, _C3[2] * y * (4 * zz - xx - yy), _C3[3] * z * (2 * zz - 3 * xx - 3 * yy)]
-    basis += [_C3[4] * x * (4 * zz - xx - yy), _C3[5] * z * (xx - yy), _C3[6] * x * (xx - 3 * yy)]
-    return torch.stack(basis, -1)

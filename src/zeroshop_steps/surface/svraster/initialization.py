@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter, map_coordinates
 
-from zeroshop_steps.geometry.observation.visual_hull import VisualHull
+from zeroshop_steps.geometry.observation.visual_hull import SMOOTHING_VOXELS, VisualHull
 from zeroshop_steps.surface.rendering.spherical_harmonics import SH_CONSTANT
 from zeroshop_steps.surface.rendering.training_views import TrainingView
 from zeroshop_steps.surface.svraster.density_grid import fuse_signed_distances
@@ -29,8 +29,6 @@ HALF_DENSITY = 0.8
 HULL_RISE, HULL_DENSITY = 1.0, -1.5
 """The same without stereo, where the surface lies somewhere inside the hull: so soft that light reaches the leaves behind, and training
 moves it inwards. With the values above, the bulges of the hull of a carton stay."""
-SMOOTH_CELLS = 1.5
-"""Standard deviation of the smoothing, in edges of the finest leaves."""
 FILL_PX = 1.5
 """A confirmed depth stands for the pixels within this distance, since not every pixel has one."""
 
@@ -114,7 +112,7 @@ def _smooth_distances(initialization: Initialization, views: list[TrainingView],
     known = (by_depth > -REACH) & occupied[tuple(near.T)]
     distances = np.clip(by_hull, -REACH, REACH)
     distances[tuple(near[known].T)] = by_depth[known]
-    return gaussian_filter(distances, SMOOTH_CELLS)
+    return gaussian_filter(distances, SMOOTHING_VOXELS)
 
 
 def _hull_distances(occupied: np.ndarray) -> np.ndarray:

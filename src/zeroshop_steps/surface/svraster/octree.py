@@ -15,9 +15,9 @@ from zeroshop_steps.runtime.errors import StepError
 MAX_LEVEL = 10
 """Finest level: 1024 leaves along an edge of the root."""
 CELLS = 1 << MAX_LEVEL
-OCTANTS = 8
 CORNER_OFFSETS = np.array([[corner & 1, corner >> 1 & 1, corner >> 2 & 1] for corner in range(8)])
 """Corner c of a cube lies at these offsets along x, y, z."""
+OCTANTS = len(CORNER_OFFSETS)
 _ALL_X = sum(1 << (3 * bit) for bit in range(MAX_LEVEL))
 
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from zeroshop_steps.geometry.cameras.object_crops import STRIDE_PX
 from zeroshop_steps.surface.rendering.training_views import TrainingView
 from zeroshop_steps.surface.training.losses import SOLID_ALPHA, RenderedImages
 
@@ -22,8 +23,6 @@ DARKEST = 0.04
 """Brightness, of 1, below which noise dominates the ratio of photo and rendering."""
 OUTLIER = 0.15
 """Difference of logarithms at which a pixel counts half: highlights, cast shadows, and where the model is not right yet."""
-STRIDE_PX = 3
-"""The light is fitted to every third pixel of every third row."""
 CAUTION = 1e-3
 """Weight of the wish for the same light, as a share of a view's pixels: for normals that no view shows."""
 

@@ -24,10 +24,8 @@ ModelT = TypeVar("ModelT", bound=TrainableModel)
 RenderingT = TypeVar("RenderingT", bound=RenderedImages)
 SettingsT = TypeVar("SettingsT", bound=TrainingSettings)
 
-REPORT_EVERY = 20
-"""Iterations between updates of the progress display."""
 RECORD_EVERY = 50
-"""Iterations between rows of training.csv."""
+"""Iterations between rows of training.csv, and between updates of the progress display."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +143,7 @@ class Trainer(ABC, Generic[ModelT, RenderingT, SettingsT]):
         """Train up to iteration `until`, showing the loss and the number of primitives in `report`."""
         while self.iteration < until:
             loss = self.step()
-            if report and (self.iteration % REPORT_EVERY == 0 or self.iteration == until):
+            if report and (self.iteration % RECORD_EVERY == 0 or self.iteration == until):
                 report.advance(self.iteration - report.done, f"loss {loss:.4f}, {len(self.model)} {self.primitives}")
 
     def step(self) -> float:

@@ -11,15 +11,22 @@ import numpy as np
 import pandas as pd
 
 from zeroshop_steps.geometry.cameras.object_crops import ObjectSphere, fit_object_sphere
+from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction
 from zeroshop_steps.runtime.cache import content_digest
 from zeroshop_steps.runtime.code_version import code_version
 from zeroshop_steps.runtime.compute.threads import use_threads
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write, write_json
-from zeroshop_steps.surface.mvs.seeds import Seeds, read_seeds
-from zeroshop_steps.surface.rendering.training_views import CameraSet, TrainingView, make_seed_views, make_training_views, read_camera_set
+from zeroshop_steps.surface.mvs.seeds import Seeds, carve_hull, read_seeds
+from zeroshop_steps.surface.rendering.training_views import (
+    CameraSet,
+    TrainingView,
+    make_grid_view,
+    make_seed_views,
+    make_training_views,
+    read_camera_set,
+)
 from zeroshop_steps.surface.training.initialization import Initialization, make_initialization
-from zeroshop_steps.surface.training.sparse_start import make_sparse_seeds
 from zeroshop_steps.surface.training.trainer import ModelT, RenderingT, SettingsT, Trainer, ViewPyramid
 
 CHECKPOINT = "checkpoint.pt"
@@ -152,3 +159,30 @@ def write_training_record(
         },
     )
     (args.out / CHECKPOINT).unlink(missing_ok=True)
+
+
+def make_sparse_seeds(cameras: Path, sphere: ObjectSphere, views: list[TrainingView]) -> Seeds:
+    """What stereo would leave if it found nothing, with the depths of the sparse points in the masks of the images that see them.
+
+    Args:
+        cameras: folder of the registration.
+        sphere: the object's, which normalizes points.
+        views: those that stereo would use.
+
+    Returns:
+        No seed; a hull that only the masks carve.
+    """
+    grid = [make_grid_view(view) for view in views]
+    reconstruction = read_reconstruction(cameras / "sparse")
+    seen = {image.name: image for image in reconstruction.images.values()}
+    depth_maps = {}
+    for view in grid:
+        depth: np.ndarray = np.zeros((view.camera.height_px, view.camera.width_px), np.float32)
+        ids = [point.point3D_id for point in seen[view.camera.name].points2D if point.has_point3D()]
+        points = np.array([reconstruction.points3D[index].xyz for index in ids]).reshape(-1, 3)
+        rows, columns, z, inside = view.camera.find_pixels((points - sphere.centre) / sphere.radius)
+        inside[inside] = view.mask.numpy()[rows[inside], columns[inside]] > 0.5
+        depth[rows[inside], columns[inside]] = z[inside]
+        depth_maps[view.camera.name] = depth
+    nothing = np.zeros((0, 3))
+    return Seeds(nothing, nothing, nothing, depth_maps, carve_hull(grid))

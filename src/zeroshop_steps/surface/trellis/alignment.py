@@ -9,22 +9,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from zeroshop_steps.geometry.alignment.similarity_icp import SimilarityRefiner
+from zeroshop_steps.geometry.alignment.similarity_icp import SAMPLES, SimilarityRefiner
 from zeroshop_steps.geometry.alignment.similarity_search import apply_steps, search_similarities, solve_steps
 from zeroshop_steps.geometry.alignment.surface_points import SurfacePoints, sample_surface_points
 from zeroshop_steps.geometry.cameras.object_crops import fit_object_sphere
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.transforms import compute_scale
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
-from zeroshop_steps.geometry.observation.visual_hull import VisualHull
+from zeroshop_steps.geometry.observation.visibility import SHOWING_COSINE
+from zeroshop_steps.geometry.observation.visual_hull import COARSE_VOXELS, VisualHull
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.surface.trellis.photo_fit import ComparedPhoto, PhotoComparison, PhotoFit, middle_of, shrink_photo
 
-HULL_VOXELS = 96
-SAMPLES = 4000
-"""On either surface."""
-FACING = 0.3
-"""A photo colours a spot of the hull that it sees within 73 degrees of its normal."""
 OUTLINE_STEPS = 12
 FIRST_STEP = np.array([0.05, 0.05, 0.05, 0.02, 0.02, 0.02, 0.02])
 """Radians, shares of the object's size, and growth, of the first of the small steps; each round without gain halves them."""
@@ -43,7 +39,7 @@ class PhotoAligner:
         self.seed = seed
         small = [photo.camera for photo in self.photos]
         sphere = fit_object_sphere(cameras, masks)
-        hull = VisualHull.carve([sphere.normalized(camera) for camera in small], [photo.mask for photo in self.photos], 1.1, HULL_VOXELS)
+        hull = VisualHull.carve([sphere.normalized(camera) for camera in small], [photo.mask for photo in self.photos], 1.1, COARSE_VOXELS)
         points, normals = hull.surface()
         if len(points) < SAMPLES // 40:
             raise StepError("the masks have nothing in common: no point lies inside of all; check masks and cameras")
@@ -93,7 +89,7 @@ def color_points(points: np.ndarray, normals: np.ndarray, photos: Sequence[Compa
         rows, columns, _, inside = photo.camera.find_pixels(points)
         towards = photo.camera.centre_in_world - points
         cosine = np.einsum("ij,ij->i", normals, towards) / np.linalg.norm(towards, axis=1)
-        strength = np.where(inside & (cosine > FACING), np.clip(cosine, 0.0, 1.0) ** 2, 0.0)
+        strength = np.where(inside & (cosine > SHOWING_COSINE), np.clip(cosine, 0.0, 1.0) ** 2, 0.0)
         rows, columns = np.clip(rows, 0, photo.mask.shape[0] - 1), np.clip(columns, 0, photo.mask.shape[1] - 1)
         strength *= photo.mask[rows, columns]
         total += strength[:, None] * photo.color[rows, columns]

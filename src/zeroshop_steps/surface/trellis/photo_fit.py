@@ -10,6 +10,7 @@ from scipy.ndimage import binary_erosion, distance_transform_edt
 from zeroshop_steps.geometry.alignment.similarity_icp import similarity_rows
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.transforms import compute_scale, shrink_camera, transform_camera, transform_points
+from zeroshop_steps.geometry.imaging.images import EXPOSURE_RANGE
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer, RayHits
 
@@ -17,8 +18,6 @@ COMPARED_PX = 240
 """Longer side of the images that are compared."""
 COLOR_RANGE = 0.5
 """Colours that differ by this (root mean square of the channels, of 1) count as much as a missing pixel."""
-GAINS = 0.5, 2.0
-"""By which the mesh's colours may be brighter or darker than the photos', channel by channel."""
 FARTHEST_SHARE = 0.1
 """Outlines farther than this from those of the mask, as a share of the image, pull no harder."""
 
@@ -84,7 +83,7 @@ class PhotoComparison:
             joined += int((hits.mask | photo.mask).sum())
             together += int(both.sum())
         mine, photographed = np.concatenate(ours), np.concatenate(theirs)
-        gains = np.clip((mine * photographed).sum(0) / np.maximum((mine**2).sum(0), 1e-9), *GAINS)
+        gains = np.clip((mine * photographed).sum(0) / np.maximum((mine**2).sum(0), 1e-9), *EXPOSURE_RANGE)
         apart = np.sqrt(((mine * gains - photographed) ** 2).mean(1)) / COLOR_RANGE if together else np.zeros(0)
         error = (joined - together + float(np.minimum(apart, 1.0).sum())) / max(joined, 1)
         return PhotoFit(photos_from_mesh, float(error), together / max(joined, 1))

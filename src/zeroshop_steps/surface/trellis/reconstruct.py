@@ -12,9 +12,10 @@ import torch
 
 from zeroshop_steps.capture.known_height import read_known_height_m
 from zeroshop_steps.geometry.cameras.object_crops import fit_object_sphere
-from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.cameras.registered_views import View, read_views
 from zeroshop_steps.geometry.cameras.transforms import transform_points
-from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, write_ply
+from zeroshop_steps.geometry.meshes.triangle_meshes import MIN_FACES, Mesh, write_ply
+from zeroshop_steps.geometry.support.ground_plane import estimate_up_from_roll
 from zeroshop_steps.networks.devices import check_memory, choose_device
 from zeroshop_steps.networks.pretrained import require_model
 from zeroshop_steps.networks.trellis.conditioning import frame_object
@@ -27,10 +28,8 @@ from zeroshop_steps.surface.rendering.training_views import read_camera_set
 from zeroshop_steps.surface.trellis.alignment import PhotoAligner, describe_fit
 from zeroshop_steps.surface.trellis.photo_fit import PhotoFit
 from zeroshop_steps.surface.trellis.uncalibrated import as_generated, choose_likeliest, read_pictures, scale_by_height
-from zeroshop_steps.surface.trellis.view_choice import choose_opposite_views
 
-LEAST_FACES = 500
-"""Of a generated mesh; fewer are dust."""
+ELEVATION_DEG, APART_DEG = 45.0, 180.0
 LEAST_OVERLAP = 0.5
 """Of its outlines with the masks, intersection over union; below, the network made another thing."""
 
@@ -119,7 +118,7 @@ def _from_photos_alone(args: argparse.Namespace, start: Start, seeds: range, ima
     pictures = [(image, mask) for _, image, mask in named]
     generate = start([frame_object(image, mask, image_px) for image, mask in pictures])
     surfaces = (generate(seed) for seed in seeds)
-    meshes = (as_generated(surface) if len(surface.faces) >= LEAST_FACES else None for surface in surfaces)
+    meshes = (as_generated(surface) if len(surface.faces) >= MIN_FACES else None for surface in surfaces)
     index, mesh, errors = choose_likeliest(meshes, pictures)
     if height_m is None:
         warn("the scale is unknown: no height is given. Give the object's height in metres as height_m in config/objects.tsv")
@@ -147,7 +146,7 @@ def choose_generation(generate: Generate, seeds: Iterable[int], aligner: PhotoAl
         surface = generate(seed)
         record: dict[str, Any] = {"seed": seed, "faces": len(surface.faces)}
         tried.append(record)
-        if len(surface.faces) >= LEAST_FACES:
+        if len(surface.faces) >= MIN_FACES:
             mesh = as_generated(surface)
             fit = aligner.align(mesh)
             record |= describe_fit(fit)
@@ -166,3 +165,24 @@ def choose_generation(generate: Generate, seeds: Iterable[int], aligner: PhotoAl
             " needed; choose another --seed or more --generations, or a surface method that measures (2dgs)"
         )
     return best
+
+
+def choose_opposite_views(views: Sequence[View], centre: np.ndarray) -> tuple[int, int]:
+    """Indices of the two, the earlier first.
+
+    Args:
+        views: two or more.
+        centre: (3,) of the object, in the frame of the cameras.
+    """
+    up, _ = estimate_up_from_roll(list(views))
+    outwards = np.array([view.camera.centre_in_world - centre for view in views])
+    outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+    elevation = np.degrees(np.arcsin(np.clip(outwards @ up, -1.0, 1.0)))
+    level = outwards - (outwards @ up)[:, None] * up
+    level /= np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-9)
+    apart = np.degrees(np.arccos(np.clip(level @ level.T, -1.0, 1.0)))
+    tilt = (elevation - ELEVATION_DEG) ** 2
+    cost = tilt[:, None] + tilt[None] + (apart - APART_DEG) ** 2
+    cost[np.tril_indices(len(views))] = np.inf
+    first, second = np.unravel_index(np.round(cost, 6).argmin(), cost.shape)
+    return int(first), int(second)

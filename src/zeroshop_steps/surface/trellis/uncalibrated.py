@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
-from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at
+from zeroshop_steps.geometry.cameras.viewpoints import DISTANCE_RADII, direction_at, look_at
 from zeroshop_steps.geometry.imaging.images import list_images, read_image, read_mask
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.meshes.units import MM_PER_M
@@ -25,8 +25,6 @@ from zeroshop_steps.surface.trellis.photo_fit import ComparedPhoto, PhotoCompari
 AZIMUTHS, ELEVATIONS_DEG = 36, (5.0, 25.0, 45.0, 65.0)
 COMPARED_PX = 96
 """Side of the squares that are compared."""
-DISTANCE = 3.0
-"""Of the camera, in diagonals of the mesh: photos are taken from about there."""
 
 
 def read_pictures(capture: Path) -> list[tuple[str, np.ndarray, np.ndarray]]:
@@ -54,7 +52,7 @@ def read_pictures(capture: Path) -> list[tuple[str, np.ndarray, np.ndarray]]:
 def rate_likeness(mesh: Mesh, pictures: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
     """How little a coloured mesh, z up, resembles pictures, each an image and its mask: 0 where it looks the same, up to 1."""
     low, high = mesh.vertices.min(0), mesh.vertices.max(0)
-    middle, away = (low + high) / 2, DISTANCE * float(np.linalg.norm(high - low))
+    middle, away = (low + high) / 2, DISTANCE_RADII * float(np.linalg.norm(high - low)) / 2
     renderer, comparison = MeshRenderer(mesh), PhotoComparison(mesh, [])
     squares = [_frame(image, mask) for image, mask in pictures]
     errors = np.full((len(squares), AZIMUTHS * len(ELEVATIONS_DEG)), 1.0)
@@ -107,7 +105,7 @@ def _frame(image: np.ndarray, mask: np.ndarray) -> ComparedPhoto:
 
 def _aim(renderer: MeshRenderer, pose: np.ndarray) -> Camera:
     """The camera of a square picture at this pose in whose middle the mesh is, as large as `frame_object` shows things."""
-    focal = COMPARED_PX * DISTANCE / 1.5
+    focal = COMPARED_PX * DISTANCE_RADII / 3
     wide = Camera("", COMPARED_PX, COMPARED_PX, _intrinsics(focal, np.full(2, COMPARED_PX / 2)), pose)
     left, top, width, height = cv2.boundingRect(renderer.cast_rays(wide).mask.astype(np.uint8))
     grown = COMPARED_PX / MARGIN / max(width, height, 1)

@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 import torch
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.cameras.object_crops import ObjectSphere
+from zeroshop_steps.geometry.meshes.ply_tables import read_ply_tables
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
 from zeroshop_steps.surface.rendering.spherical_harmonics import SH_CONSTANT
@@ -61,13 +63,10 @@ def initialize_surfels(initialization: Initialization, seed: int) -> Surfels:
         )
     distances, _ = cKDTree(points).query(points, k=4)
     spread = np.clip(np.sqrt((distances[:, 1:] ** 2).mean(1)), 1e-4, 0.1)
-    quaternions = quaternions_towards(normals)
     # Turned at random about the normal, so that no common direction of the surfels' axes biases the result.
-    angle = np.random.default_rng(seed).uniform(0, np.pi, len(points))
-    spin = np.stack([np.cos(angle), np.zeros_like(angle), np.zeros_like(angle), np.sin(angle)], 1)
-    w, x, y, z = quaternions.T
-    c, s = spin[:, 0], spin[:, 3]
-    quaternions = np.stack([w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s], 1)
+    half_turns = np.random.default_rng(seed).uniform(0, np.pi, len(points))
+    turns = Rotation.from_quat(quaternions_towards(normals), scalar_first=True) * Rotation.from_rotvec(2 * half_turns[:, None] * [0, 0, 1])
+    quaternions = turns.as_quat(scalar_first=True)
     return Surfels(
         torch.tensor(points, dtype=torch.float32),
         torch.tensor(np.log(spread), dtype=torch.float32)[:, None].repeat(1, 2),
@@ -135,14 +134,12 @@ def read_splat_ply(path: Path) -> tuple[Surfels, ObjectSphere]:
     path = Path(path)
     if not path.is_file():
         raise StepError(f"{path} does not exist; train first")
-    head, _, body = path.read_bytes().partition(b"end_header\n")
-    lines = head.decode("ascii", "replace").splitlines()
-    names = [line.split()[-1] for line in lines if line.startswith("property")]
-    sphere_line = [line.split()[2:] for line in lines if line.startswith("comment object_sphere")]
-    count = [int(line.split()[-1]) for line in lines if line.startswith("element vertex")]
-    if names != _ply_columns() or not sphere_line or len(body) != 4 * len(names) * count[0]:
-        raise StepError(f"{path} is not a whole splat PLY of this project; delete it and train again")
-    values = np.frombuffer(body, "<f4").reshape(count[0], len(names)).astype(np.float32)
+    tables = read_ply_tables(path)
+    vertex = tables.elements.get("vertex")
+    sphere_line = [remark.split()[1:] for remark in tables.remarks if remark.startswith("object_sphere")]
+    if vertex is None or list(vertex.columns) != _ply_columns() or not sphere_line:
+        raise StepError(f"{path} is not a splat PLY of this project; delete it and train again")
+    values = np.stack(list(vertex.columns.values()), 1).astype(np.float32)
     *centre, radius = (float(value) for value in sphere_line[0])
     sphere = ObjectSphere(np.array(centre), radius)
     rest = values[:, 9 : 9 + 45].reshape(-1, 3, SH_COEFFICIENTS - 1).transpose(0, 2, 1)

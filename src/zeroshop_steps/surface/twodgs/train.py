@@ -3,24 +3,25 @@
 import math
 from typing import Any
 
+import numpy as np
 import torch
 
 from zeroshop_steps.surface.rendering.training_views import TrainingView
 from zeroshop_steps.surface.training.initialization import Initialization
 from zeroshop_steps.surface.training.losses import SOLID_ALPHA, image_losses, normal_mismatch, normals_from_depth
+from zeroshop_steps.surface.training.optimizer import ResizableAdam
 from zeroshop_steps.surface.training.trainer import Trainer, ViewPyramid
-from zeroshop_steps.surface.twodgs.densify import GradientMeter, densify_and_prune, reset_opacity
 from zeroshop_steps.surface.twodgs.render import Rendering, RenderView, render
 from zeroshop_steps.surface.twodgs.renderers import make_renderer
 from zeroshop_steps.surface.twodgs.settings import SurfelSettings
-from zeroshop_steps.surface.twodgs.surfels import Surfels
+from zeroshop_steps.surface.twodgs.surfels import INITIAL_OPACITY, Surfels, rotation_matrices
 
+SPLIT_SHRINKAGE = 1.6
+"""The two halves of a split surfel are smaller by this factor (Kerbl et al. 2023)."""
 SPLIT_SCALE = 0.03
 """Standard deviation, in normalized units, from which a surfel is split rather than cloned."""
 SCALE_MAX = 0.08
 """Largest standard deviation of a surfel, in normalized units. A larger surfel would bridge hollows."""
-OPACITY_AFTER_RESET = 0.1
-"""Opacities are lowered to at most this: about that of new surfels."""
 
 LEARNING_RATES = {
     "positions": 6e-4, "log_scales": 5e-3, "quaternions": 1e-3, "opacity_logits": 5e-2, "sh_constant": 2.5e-3, "sh_rest": 2.5e-3 / 20,
@@ -28,6 +29,67 @@ LEARNING_RATES = {
 """All but that of the positions are those of Kerbl et al. 2023; theirs falls from 1.6e-4 in units of the scene's extent."""
 POSITION_RATE_FALL = 0.01
 """The positions' learning rate at the end, as a share of that at the beginning; it falls exponentially (Kerbl et al. 2023)."""
+
+
+class GradientMeter:
+    """Mean length of each surfel's screen-space gradient over the views that drew it since the last densification."""
+
+    def __init__(self, count: int, device: torch.device | None = None) -> None:
+        self.total, self.views = torch.zeros(2, count, dtype=torch.float64, device=device)
+
+    def add(self, gradient: torch.Tensor, visible: torch.Tensor) -> None:
+        """Count one view: (N,) lengths of gradients, and (N,) bool, the surfels that were drawn."""
+        self.total += gradient * visible
+        self.views += visible
+
+    def mean(self) -> torch.Tensor:
+        """(N,) means, zero for surfels that no view drew."""
+        return self.total / self.views.clamp(min=1)
+
+
+def densify_and_prune(
+    surfels: Surfels, optimizer: ResizableAdam, meter: GradientMeter, threshold: float, large: float, opacity_min: float,
+    excluded: torch.Tensor, count_max: int, generator: torch.Generator,
+) -> None:  # fmt: skip
+    """Clone small surfels and split large ones where the mean gradient exceeds the threshold; drop faint and excluded ones.
+
+    Args:
+        threshold: gradient, in loss per pixel of shift summed over the image's pixels.
+        large: scale, in normalized units, from which a surfel is split into two rather than cloned.
+        opacity_min: surfels fainter than this are dropped.
+        excluded: (N,) bool, surfels to drop for other reasons, such as lying in free space.
+        count_max: no more surfels than this; where too many exceed the threshold, those with the largest gradients win.
+        generator: of the random places of the halves.
+    """
+    with torch.no_grad():
+        scales = surfels.log_scales.exp()
+        widest = scales.max(dim=1).values
+        faint = torch.sigmoid(surfels.opacity_logits) < opacity_min
+        gone = faint | excluded
+        gradient = meter.mean()
+        gradient[gone] = 0.0
+        room = max(count_max - int((~gone).sum()), 0)
+        wanted = gradient > threshold
+        if int(wanted.sum()) > room:
+            keep_best = torch.argsort(gradient, descending=True, stable=True)[:room]
+            wanted = torch.zeros_like(wanted).index_fill_(0, keep_best, True) & wanted
+        split, clone = wanted & (widest > large), wanted & (widest <= large)
+        new = {name: tensor.detach()[clone] for name, tensor in surfels.tensors().items()}
+        parents = {name: tensor.detach()[split].repeat(2, *[1] * (tensor.dim() - 1)) for name, tensor in surfels.tensors().items()}
+        spread = torch.randn(len(parents["positions"]), 2, generator=generator).to(gradient.device)
+        offsets = spread * parents["log_scales"].exp()
+        axes = rotation_matrices(parents["quaternions"])[:, :, :2]
+        parents["positions"] = parents["positions"] + (axes @ offsets[:, :, None])[:, :, 0]
+        parents["log_scales"] = parents["log_scales"] - float(np.log(SPLIT_SHRINKAGE))
+        optimizer.keep_and_append(~gone & ~split, {name: torch.cat([new[name], parents[name]]) for name in new})
+
+
+def reset_opacity(surfels: Surfels, optimizer: ResizableAdam, opacity: float) -> None:
+    """Lower every opacity to at most `opacity`, so that only the surfels that the images need regain theirs."""
+    ceiling = float(np.log(opacity / (1 - opacity)))
+    with torch.no_grad():
+        surfels.opacity_logits.clamp_(max=ceiling)
+    optimizer.reset_moments("opacity_logits")
 
 
 def view_loss(rendering: Rendering, view: TrainingView, settings: SurfelSettings, with_normals: bool) -> dict[str, torch.Tensor]:
@@ -101,7 +163,7 @@ class SurfelTrainer(Trainer[Surfels, Rendering, SurfelSettings]):
             self.meter = GradientMeter(len(self.model), self.device)
         every = math.ceil(settings.opacity_reset_share * settings.iterations)
         if self.iteration % every == 0 and self.iteration < last:
-            reset_opacity(self.model, self.optimizer, OPACITY_AFTER_RESET)
+            reset_opacity(self.model, self.optimizer, INITIAL_OPACITY)
 
     def extra_state(self) -> dict[str, Any]:
         return {"meter": (self.meter.total, self.meter.views), "generator": self.generator.get_state()}

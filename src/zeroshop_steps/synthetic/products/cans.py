@@ -65,28 +65,19 @@ def _make_can(
     high = round_polyline([(r, height - z, *f) for r, z, *f in rim_profile][::-1], step_mm=1.0)
     wall = round_polyline([(radius, 4.2), (radius, height - 4.2)], step_mm=4.0)
     girth = 2 * np.pi * radius
-    rim_length = float(arc_length(low)[-1])
-    widths = {"label": girth, "rim_low": girth, "rim_high": girth, "lid": 2 * radius, "foot": 2 * radius}
-    bands = [
-        ProfileBand(round_polyline(foot_profile, step_mm=4.0), "foot", "down"),
-        ProfileBand(low, "rim_low"),
-        ProfileBand(wall, "label"),
-        ProfileBand(high, "rim_high"),
-        ProfileBand(round_polyline(lid_profile, step_mm=4.0), "lid", "up"),
-    ]
 
     def print_rim(canvas: Canvas) -> None:
         canvas.fill(LinearGradient(metal[0], metal[1]))
         canvas.rectangle(0, 0.35 * canvas.height_mm, canvas.width_mm, 0.25 * canvas.height_mm, "#f2f4f6", 0.7)
 
-    panels = [
-        Panel("label", girth, height - 8.4, label),
-        Panel("rim_low", girth, rim_length, print_rim, density=0.3),
-        Panel("rim_high", girth, rim_length, print_rim, density=0.3),
-        Panel("lid", 2 * radius, 2 * radius, lid, density=0.8),
-        Panel("foot", 2 * radius, 2 * radius, foot, density=0.6),
+    bands = [
+        ProfileBand(round_polyline(foot_profile, step_mm=4.0), "foot", 2 * radius, foot, "down", density=0.6),
+        ProfileBand(low, "rim_low", girth, print_rim, density=0.3),
+        ProfileBand(wall, "label", girth, label),
+        ProfileBand(high, "rim_high", girth, print_rim, density=0.3),
+        ProfileBand(round_polyline(lid_profile, step_mm=4.0), "lid", 2 * radius, lid, "up", density=0.8),
     ]
-    return revolve(bands, widths, segments=128), panels
+    return revolve(bands, segments=128), [band.make_panel() for band in bands]
 
 
 def _metal_disc(canvas: Canvas, light: str, dark: str, grooves: int) -> tuple[float, float]:

@@ -5,7 +5,6 @@ import numpy as np
 from zeroshop_steps.synthetic.products.assemble import Product
 from zeroshop_steps.synthetic.products.canvas import Canvas, LinearGradient, RadialGradient
 from zeroshop_steps.synthetic.products.illustrations import draw_leaf
-from zeroshop_steps.synthetic.products.panels import Panel, make_plain_panel
 from zeroshop_steps.synthetic.products.printing import draw_badge, draw_barcode, draw_nutrition_table, draw_paragraph, draw_recycling_mark
 from zeroshop_steps.synthetic.products.profiles import arc_length, round_polyline, sample_superellipse
 from zeroshop_steps.synthetic.products.solids import ProfileBand, revolve
@@ -36,16 +35,14 @@ def mustard_bottle() -> Product:
     tip = round_polyline([(4.5, 189.0), (4.0, 191.0, 0.6), (0.0, 191.0)], step_mm=1.0)
     foot = round_polyline([(0.0, 2.0), (34.0, 2.0, 3.0), (37.0, 0.0, 1.0), (41.0, 0.0)], step_mm=3.0)
     girth = arc_length(sample_superellipse(HALF_WIDTH_MM * DEPTH_RATIO, HALF_WIDTH_MM, 2.5, np.linspace(0, 1, 2000), 0.0))[-1]
-    widths = {"wall": girth, "cap": 2 * np.pi * 20.5, "tip": 10.0, "foot": 2 * HALF_WIDTH_MM}
-    bands = [ProfileBand(foot, "foot", "down"), ProfileBand(wall, "wall"), ProfileBand(collar, "cap"), ProfileBand(tip, "tip", "up")]
-    height = float(arc_length(wall)[-1])
-    panels = [
-        Panel("wall", girth, height, _print_wall),
-        Panel("cap", widths["cap"], float(arc_length(collar)[-1]), _print_cap, density=0.5),
-        make_plain_panel("tip", 10.0, 10.0, "#8f1410"),
-        Panel("foot", widths["foot"], widths["foot"], _print_foot, density=0.5),
+    bands = [
+        ProfileBand(foot, "foot", 2 * HALF_WIDTH_MM, _print_foot, "down", density=0.5),
+        ProfileBand(wall, "wall", girth, _print_wall),
+        ProfileBand(collar, "cap", 2 * np.pi * 20.5, _print_cap, density=0.5),
+        ProfileBand(tip, "tip", 10.0, "#8f1410", "up"),
     ]
-    return Product([revolve(bands, widths, segments=120, seam_rad=-np.pi / 2, section=_section)], panels)
+    body = revolve(bands, segments=120, seam_rad=-np.pi / 2, section=_section)
+    return Product([body], [band.make_panel() for band in bands])
 
 
 def _section(radius: float, z: float) -> tuple[float, float, float]:

@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 import manifold3d
 import numpy as np
 
+from zeroshop_steps.synthetic.products.canvas import Canvas
+from zeroshop_steps.synthetic.products.panels import Panel, make_plain_panel
 from zeroshop_steps.synthetic.products.profiles import arc_length, sample_superellipse
 
 
@@ -41,14 +43,25 @@ class ProfileBand:
     Attributes:
         points: (K, 2) radius and z, walked with the outside on the right hand: up the outer wall, down an inner one.
         panel: name of the panel.
+        width_mm: of the panel: a wall's once-around length, a disc's diameter.
+        look: the panel's colour, or what prints it.
         disc: None for a wall (u around, v along the profile), "up" or "down" for a disc seen from above or below.
-        v_mm: where on the panel the wall's first point lies.
+        density: of the panel.
     """
 
     points: np.ndarray
     panel: str
+    width_mm: float
+    look: str | Callable[[Canvas], None] = "#ffffff"
     disc: str | None = None
-    v_mm: float = 0.0
+    density: float = 1.0
+
+    def make_panel(self) -> Panel:
+        """The panel, as long as the profile, or square for a disc."""
+        height_mm = float(arc_length(self.points)[-1]) if self.disc is None else self.width_mm
+        if isinstance(self.look, str):
+            return make_plain_panel(self.panel, self.width_mm, height_mm, self.look)
+        return Panel(self.panel, self.width_mm, height_mm, self.look, self.density)
 
 
 Section = Callable[[float, float], tuple[float, float, float]]
@@ -61,7 +74,6 @@ def circle(radius: float, z: float) -> tuple[float, float, float]:
 
 def revolve(
     bands: Sequence[ProfileBand],
-    widths_mm: dict[str, float],
     segments: int = 128,
     seam_rad: float = np.pi,
     section: Section = circle,
@@ -70,7 +82,6 @@ def revolve(
 
     Args:
         bands: consecutive stretches of the profile, from the bottom's centre outwards and up.
-        widths_mm: width of the panels of walls (their once-around length) and of discs (their diameter).
         seam_rad: direction in which the print's left and right ends meet.
         section: half extents and exponent for a profile's radius and z.
     """
@@ -84,13 +95,11 @@ def revolve(
             ring[-1] = ring[0]
             rings.append(np.column_stack([ring, np.full(segments + 1, z)]))
         grid = np.stack(rings)
-        width = widths_mm[band.panel]
         if band.disc is None:
-            along = band.v_mm + arc_length(band.points)
-            uv = np.stack(np.broadcast_arrays(fractions[None, :] * width, along[:, None]), -1)
+            uv = np.stack(np.broadcast_arrays(fractions[None, :] * band.width_mm, arc_length(band.points)[:, None]), -1)
         else:
             away = 1.0 if band.disc == "down" else -1.0
-            uv = np.stack([grid[..., 1], away * grid[..., 0]], -1) + width / 2
+            uv = np.stack([grid[..., 1], away * grid[..., 0]], -1) + band.width_mm / 2
         solid.append(_make_grid_patch(grid, uv, band.panel))
     return solid
 

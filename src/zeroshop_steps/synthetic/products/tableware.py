@@ -7,7 +7,7 @@ import numpy as np
 from zeroshop_steps.synthetic.products.assemble import Product
 from zeroshop_steps.synthetic.products.canvas import Canvas, LinearGradient, RadialGradient
 from zeroshop_steps.synthetic.products.illustrations import draw_citrus_slice, draw_leaf
-from zeroshop_steps.synthetic.products.panels import Panel, make_plain_panel
+from zeroshop_steps.synthetic.products.panels import make_plain_panel
 from zeroshop_steps.synthetic.products.printing import draw_recycling_mark
 from zeroshop_steps.synthetic.products.profiles import arc_length, round_polyline
 from zeroshop_steps.synthetic.products.solids import ProfileBand, Solid, revolve, sweep_rod
@@ -26,24 +26,17 @@ def pitcher() -> Product:
     floor = round_polyline([(30.0, 5.0), (0.0, 5.0)], step_mm=5.0)
     foot = round_polyline([(0.0, 2.0), (44.0, 2.0, 1.0), (46.0, 0.0, 0.8), (50.0, 0.0)], step_mm=5.0)
     girth = 2 * np.pi * 56.0
-    widths = {"outside": girth, "inside": girth, "floor": 60.0, "foot": 104.0}
     bands = [
-        ProfileBand(foot, "foot", "down"),
-        ProfileBand(outside, "outside"),
-        ProfileBand(inside, "inside"),
-        ProfileBand(floor, "floor", "up"),
+        ProfileBand(foot, "foot", 104.0, _print_pitcher_foot, "down", density=0.4),
+        ProfileBand(outside, "outside", girth, _print_pitcher),
+        ProfileBand(inside, "inside", girth, PITCHER_DARK),
+        ProfileBand(floor, "floor", 60.0, PITCHER_DARK, "up"),
     ]
-    body = _add_spout(revolve(bands, widths, segments=108))
+    body = _add_spout(revolve(bands, segments=108))
     path = round_polyline([(-55.2, 182.0), (-98.0, 184.0, 24.0), (-92.0, 78.0, 26.0), (-51.7, 62.0)], step_mm=3.0)
     handle, girth_mm = _make_handle(path, 5.5, 9.0, "handle")
-    panels = [
-        Panel("outside", girth, float(arc_length(outside)[-1]), _print_pitcher),
-        make_plain_panel("inside", girth, float(arc_length(inside)[-1]), PITCHER_DARK),
-        make_plain_panel("floor", 60.0, 60.0, PITCHER_DARK),
-        Panel("foot", 104.0, 104.0, _print_pitcher_foot, density=0.4),
-        make_plain_panel("handle", girth_mm, float(arc_length(path)[-1]), "#f1f4f6"),
-    ]
-    return Product([body, handle], panels)
+    grip = make_plain_panel("handle", girth_mm, float(arc_length(path)[-1]), "#f1f4f6")
+    return Product([body, handle], [*(band.make_panel() for band in bands), grip])
 
 
 def mug() -> Product:
@@ -53,24 +46,17 @@ def mug() -> Product:
     floor = round_polyline([(22.0, 6.0), (0.0, 6.0)], step_mm=4.0)
     foot = round_polyline([(0.0, 2.0), (28.0, 2.0, 1.0), (30.0, 0.0, 0.8), (32.0, 0.0)], step_mm=4.0)
     girth = 2 * np.pi * 41.0
-    widths = {"outside": girth, "inside": girth, "floor": 44.0, "foot": 68.0}
     bands = [
-        ProfileBand(foot, "foot", "down"),
-        ProfileBand(outside, "outside"),
-        ProfileBand(inside, "inside"),
-        ProfileBand(floor, "floor", "up"),
+        ProfileBand(foot, "foot", 68.0, _print_mug_foot, "down", density=0.5),
+        ProfileBand(outside, "outside", girth, _print_mug),
+        ProfileBand(inside, "inside", girth, MUG_TEAL),
+        ProfileBand(floor, "floor", 44.0, MUG_TEAL, "up"),
     ]
-    body = revolve(bands, widths, segments=144, seam_rad=np.pi / 2)
+    body = revolve(bands, segments=144, seam_rad=np.pi / 2)
     path = round_polyline([(39.2, 78.0), (70.0, 80.0, 19.0), (68.0, 26.0, 22.0), (39.2, 22.0)], step_mm=2.5)
     handle, girth_mm = _make_handle(path, 4.2, 6.5, "handle")
-    panels = [
-        Panel("outside", girth, float(arc_length(outside)[-1]), _print_mug),
-        make_plain_panel("inside", girth, float(arc_length(inside)[-1]), MUG_TEAL),
-        make_plain_panel("floor", 44.0, 44.0, MUG_TEAL),
-        Panel("foot", 68.0, 68.0, _print_mug_foot, density=0.5),
-        make_plain_panel("handle", girth_mm, float(arc_length(path)[-1]), MUG_TEAL),
-    ]
-    return Product([body, handle], panels)
+    grip = make_plain_panel("handle", girth_mm, float(arc_length(path)[-1]), MUG_TEAL)
+    return Product([body, handle], [*(band.make_panel() for band in bands), grip])
 
 
 def bowl() -> Product:
@@ -81,21 +67,14 @@ def bowl() -> Product:
     foot = round_polyline([(0.0, 3.0), (30.0, 3.0, 1.0), (31.5, 0.0, 0.6), (35.0, 0.0, 1.0), (36.0, 4.0)], step_mm=4.0)
     lip_angle = np.linspace(0, np.pi, 12)
     lip = np.column_stack([78.3 + 1.7 * np.cos(lip_angle), 54.2 + 1.7 * np.sin(lip_angle)])
-    bands = [
-        ProfileBand(foot, "foot", "down"),
-        ProfileBand(outside, "outside"),
-        ProfileBand(lip, "lip"),
-        ProfileBand(inside, "inside", "up"),
-    ]
     girth = 2 * np.pi * 80.0
-    widths = {"foot": 72.0, "outside": girth, "lip": girth, "inside": 154.0}
-    panels = [
-        make_plain_panel("foot", 72.0, 72.0, BOWL_RED),
-        make_plain_panel("outside", girth, float(arc_length(outside)[-1]), BOWL_RED),
-        make_plain_panel("lip", girth, float(arc_length(lip)[-1]), BOWL_RED),
-        make_plain_panel("inside", 154.0, 154.0, BOWL_RED),
+    bands = [
+        ProfileBand(foot, "foot", 72.0, BOWL_RED, "down"),
+        ProfileBand(outside, "outside", girth, BOWL_RED),
+        ProfileBand(lip, "lip", girth, BOWL_RED),
+        ProfileBand(inside, "inside", 154.0, BOWL_RED, "up"),
     ]
-    return Product([revolve(bands, widths, segments=144)], panels, turns_about_z=True)
+    return Product([revolve(bands, segments=144)], [band.make_panel() for band in bands], turns_about_z=True)
 
 
 def _make_handle(path_yz: np.ndarray, half_out: float, half_side: float, panel: str) -> tuple[Solid, float]:

@@ -22,8 +22,12 @@ def marker() -> Product:
     top = round_polyline([(6.0, 140.0), (0.0, 140.0)], step_mm=2.0)
     foot = round_polyline([(0.0, 0.6), (6.2, 0.6, 0.3), (7.0, 0.0)], step_mm=2.0)
     girth = 2 * np.pi * 9.0
-    widths = {"barrel": girth, "cap": girth, "top": 12.0, "foot": 14.0}
-    bands = [ProfileBand(foot, "foot", "down"), ProfileBand(barrel, "barrel"), ProfileBand(cap, "cap"), ProfileBand(top, "top", "up")]
+    bands = [
+        ProfileBand(foot, "foot", 14.0, MARKER_GREEN, "down"),
+        ProfileBand(barrel, "barrel", girth, _print_barrel),
+        ProfileBand(cap, "cap", girth, _print_cap, density=0.5),
+        ProfileBand(top, "top", 12.0, MARKER_GREEN, "up"),
+    ]
     path = round_polyline([(9.0, 128.0), (12.4, 128.0, 2.2), (12.4, 98.0)], step_mm=2.0)
     clip = sweep_rod(
         np.column_stack([np.zeros(len(path)), path]),
@@ -33,14 +37,8 @@ def marker() -> Product:
         "clip",
         segments=24,
     )
-    panels = [
-        make_plain_panel("foot", 14.0, 14.0, MARKER_GREEN),
-        Panel("barrel", girth, float(arc_length(barrel)[-1]), _print_barrel),
-        Panel("cap", girth, float(arc_length(cap)[-1]), _print_cap, density=0.5),
-        make_plain_panel("top", 12.0, 12.0, MARKER_GREEN),
-        make_plain_panel("clip", np.pi * 3.5, float(arc_length(path)[-1]), "#0c6b3c"),
-    ]
-    return Product([revolve(bands, widths, segments=96), clip], panels)
+    side = make_plain_panel("clip", np.pi * 3.5, float(arc_length(path)[-1]), "#0c6b3c")
+    return Product([revolve(bands, segments=96), clip], [*(band.make_panel() for band in bands), side])
 
 
 def clamp() -> Product:
@@ -103,12 +101,12 @@ def _make_hub() -> tuple[Solid, list[Panel]]:
     drum = round_polyline(wall, step_mm=1.0)
     up = round_polyline([(9.0, 25.5), (6.0, 25.5, 0.3), (5.6, 28.0, 0.6), (2.6, 28.0, 0.3), (2.2, 26.5, 0.3), (0.0, 26.5)], step_mm=1.5)
     down = (up * (1, -1) + (0, 28.0))[::-1]
-    widths = {"hub_up": 18.0, "hub_down": 18.0, "hub_side": 2 * np.pi * radius}
-    solid = revolve(
-        [ProfileBand(down, "hub_down", "down"), ProfileBand(drum, "hub_side"), ProfileBand(up, "hub_up", "up")], widths, segments=72
-    )
-    panels = [make_plain_panel(name, 18.0, 18.0, CLAMP_STEEL) for name in ("hub_up", "hub_down")]
-    return solid, [*panels, Panel("hub_side", widths["hub_side"], float(arc_length(drum)[-1]), _print_spring, 0.4)]
+    bands = [
+        ProfileBand(down, "hub_down", 18.0, CLAMP_STEEL, "down"),
+        ProfileBand(drum, "hub_side", 2 * np.pi * radius, _print_spring, density=0.4),
+        ProfileBand(up, "hub_up", 18.0, CLAMP_STEEL, "up"),
+    ]
+    return revolve(bands, segments=72), [band.make_panel() for band in bands]
 
 
 def _print_barrel(canvas: Canvas) -> None:

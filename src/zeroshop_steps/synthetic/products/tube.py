@@ -5,9 +5,8 @@ import numpy as np
 from zeroshop_steps.synthetic.products.assemble import Product
 from zeroshop_steps.synthetic.products.canvas import Canvas, LinearGradient, RadialGradient
 from zeroshop_steps.synthetic.products.illustrations import draw_leaf
-from zeroshop_steps.synthetic.products.panels import Panel, make_plain_panel
 from zeroshop_steps.synthetic.products.printing import draw_badge, draw_barcode, draw_paragraph, draw_recycling_mark
-from zeroshop_steps.synthetic.products.profiles import arc_length, round_polyline
+from zeroshop_steps.synthetic.products.profiles import round_polyline
 from zeroshop_steps.synthetic.products.solids import ProfileBand, revolve
 
 RADIUS_MM = 19.0
@@ -23,24 +22,16 @@ def toothpaste_tube() -> Product:
     seam = np.array([(RADIUS_MM, TOP_Z_MM), (RADIUS_MM * 0.5, TOP_Z_MM), (0.0, TOP_Z_MM)])
     foot = round_polyline([(0.0, 0.8), (12.0, 0.8, 0.4), (13.0, 0.0)], step_mm=3.0)
     girth = 2 * np.pi * RADIUS_MM
-    widths = {"cap": girth, "shoulder": girth, "wall": girth, "crimp": girth, "seam": 62.0, "foot": 26.0}
     bands = [
-        ProfileBand(foot, "foot", "down"),
-        ProfileBand(cap, "cap"),
-        ProfileBand(shoulder, "shoulder"),
-        ProfileBand(wall, "wall"),
-        ProfileBand(crimp, "crimp"),
+        ProfileBand(foot, "foot", 26.0, "#e9edf0", "down"),
+        ProfileBand(cap, "cap", girth, _print_cap, density=0.7),
+        ProfileBand(shoulder, "shoulder", girth, "#eef3f5"),
+        ProfileBand(wall, "wall", girth, _print_wall),
+        ProfileBand(crimp, "crimp", girth, _print_crimp),
+        ProfileBand(seam, "seam", 62.0, "#0b6e8f", "up"),
     ]
-    bands.append(ProfileBand(seam, "seam", "up"))
-    panels = [
-        make_plain_panel("foot", 26.0, 26.0, "#e9edf0"),
-        Panel("cap", girth, float(arc_length(cap)[-1]), _print_cap, density=0.7),
-        make_plain_panel("shoulder", girth, float(arc_length(shoulder)[-1]), "#eef3f5"),
-        Panel("wall", girth, CRIMP_Z_MM - ROUND_Z_MM, _print_wall),
-        Panel("crimp", girth, TOP_Z_MM - CRIMP_Z_MM, _print_crimp),
-        make_plain_panel("seam", 62.0, 62.0, "#0b6e8f"),
-    ]
-    return Product([revolve(bands, widths, segments=128, seam_rad=-np.pi / 2, section=_section)], panels)
+    body = revolve(bands, segments=128, seam_rad=-np.pi / 2, section=_section)
+    return Product([body], [band.make_panel() for band in bands])
 
 
 def _section(radius: float, z: float) -> tuple[float, float, float]:

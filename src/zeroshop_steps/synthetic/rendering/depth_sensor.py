@@ -7,6 +7,7 @@ rays to the projector; steep surfaces give no return (Khoshelham and Elberink 20
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.observation.visibility import GRAZING_COSINE
 from zeroshop_steps.runtime.open3d_loader import o3d
 from zeroshop_steps.synthetic.rendering.shading import make_camera_rays
 
@@ -14,7 +15,6 @@ DISPARITY_STEPS_MM = 351_300.0  # eight times focal length times baseline: depth
 STEP_DEVIATION = 1 / 6  # standard deviation of the disparity, in steps (Barron and Malik 2013)
 SHIFT_DEVIATION_PX = 0.5  # of the place that a pixel's depth is looked up at (the same)
 PROJECTOR_MM = np.array([75.0, 0.0, 0.0])  # from the camera, along its axes, as in a Kinect
-GRAZING_COSINE = 0.15  # of the angle between the ray and the normal, below which nothing returns: steeper than 81 degrees
 LOST_SHARE = 0.002  # of all pixels, at random
 FARTHEST_MM = 3500.0  # that is measured
 

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.meshes.triangle_meshes import SAME_SIDE_COSINE
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 from zeroshop_steps.synthetic.rendering import lighting, shading
 from zeroshop_steps.synthetic.rendering.textures import LINEAR_OF_BYTE, encode_srgb
@@ -14,7 +15,6 @@ from zeroshop_steps.synthetic.scenes.camera_rings import ObjectBounds
 from zeroshop_steps.synthetic.scenes.scene_meshes import SceneMesh
 
 EDGE_FOOTPRINT = 0.6  # pixels that a sample at an edge takes its texture from; the sixteen of a pixel overlap
-EDGE_COSINE = 0.7  # of the angle between the normals of neighbours, below which there is an edge: 45 degrees
 EDGE_LEAP = 0.02  # of the depth, between neighbours, above which there is an edge
 BACKGROUND = 0.45  # linear light at the horizon
 # The noise of a photo, in linear light from 0 to 1.
@@ -139,7 +139,7 @@ def _find_edges(part: np.ndarray, depth: np.ndarray, normals: np.ndarray) -> np.
         behind = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
         is_object = (part[ahead] == 0) | (part[behind] == 0)
         change = part[ahead] != part[behind]
-        turned = np.abs(np.einsum("ijk,ijk->ij", normals[ahead], normals[behind])) < EDGE_COSINE
+        turned = np.abs(np.einsum("ijk,ijk->ij", normals[ahead], normals[behind])) < SAME_SIDE_COSINE
         leap = np.abs(depth[ahead] - depth[behind]) > EDGE_LEAP * np.maximum(depth[ahead], depth[behind])
         change |= is_object & (turned | leap)
         found[ahead] |= change

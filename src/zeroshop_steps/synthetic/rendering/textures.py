@@ -95,18 +95,11 @@ def _bilinear(texels, linear_of_byte, offset, width, height, wrap, u, v):
     a, b = offset + top * width + left, offset + top * width + right
     c, d = offset + bottom * width + left, offset + bottom * width + right
     wa, wb, wc, wd = (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy
-    red = (
-        wa * linear_of_byte[texels[a, 0]] + wb * linear_of_byte[texels[b, 0]]
-        + wc * linear_of_byte[texels[c, 0]] + wd * linear_of_byte[texels[d, 0]]
-    )  # fmt: skip
-    green = (
-        wa * linear_of_byte[texels[a, 1]] + wb * linear_of_byte[texels[b, 1]]
-        + wc * linear_of_byte[texels[c, 1]] + wd * linear_of_byte[texels[d, 1]]
-    )  # fmt: skip
-    blue = (
-        wa * linear_of_byte[texels[a, 2]] + wb * linear_of_byte[texels[b, 2]]
-        + wc * linear_of_byte[texels[c, 2]] + wd * linear_of_byte[texels[d, 2]]
-    )  # fmt: skip
+    red = green = blue = 0.0
+    for texel, weight in ((a, wa), (b, wb), (c, wc), (d, wd)):
+        red += weight * linear_of_byte[texels[texel, 0]]
+        green += weight * linear_of_byte[texels[texel, 1]]
+        blue += weight * linear_of_byte[texels[texel, 2]]
     return red, green, blue
 
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from zeroshop_steps.synthetic.products.assemble import TEXTURE_PX
 from zeroshop_steps.synthetic.scenes.scene_meshes import make_noise, make_rich_texture
 
-TEXELS = 2048
 PLANKS = 12  # across the table; a table of ten object sizes then has planks about as wide as the object
 
 
@@ -29,7 +29,7 @@ class TableTop:
 
 def make_wood_texture(rng: np.random.Generator) -> np.ndarray:
     """Brown planks with fine grain along x; low in contrast, and alike everywhere."""
-    texels = TEXELS
+    texels = TEXTURE_PX
     grain = cv2.resize(make_noise(rng, texels, 16, texels // 2, 0.9)[:, : texels // 24], (texels, texels))
     planks = np.repeat(rng.normal(0, 1, PLANKS), -(-texels // PLANKS))[:texels, None]
     light = 1.0 + 0.9 * (grain - 0.5) + 0.04 * planks
@@ -40,7 +40,7 @@ def make_wood_texture(rng: np.random.Generator) -> np.ndarray:
 
 def _make_uniform_texture(rng: np.random.Generator, color: tuple[int, int, int]) -> np.ndarray:
     """One colour, its brightness off by about one per cent."""
-    light = 1.0 + 0.04 * (make_noise(rng, TEXELS, 8, TEXELS // 2) - 0.5)
+    light = 1.0 + 0.04 * (make_noise(rng, TEXTURE_PX, 8, TEXTURE_PX // 2) - 0.5)
     return np.rint(np.clip(np.array(color) * light[..., None], 0, 250)).astype(np.uint8)
 
 
