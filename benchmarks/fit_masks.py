@@ -18,7 +18,10 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
+from scipy.optimize import minimize
+from scipy.special import expit
 
+from capture_benchmark.scores import WRONG_MEDIAN
 from mask_samples import Truth, mislead, name_object, read_truth, sample, scale_to
 from zeroshop_steps.geometry.imaging.images import compute_overlap
 from zeroshop_steps.networks.mobile_sam.model import MobileSam
@@ -32,7 +35,8 @@ from zeroshop_steps.segment.support import propose_supports
 
 HIDDEN_UNITS, EPOCHS, BATCH, RATE, DECAY = 24, 12, 8192, 5e-3, 1e-4
 FOLDS = 5
-COMMON_WEIGHT, COMMON_STRENGTH = 5.0, 3e-3  # of a measure between 0 and 1; chosen by the likelihood of objects that were left out
+COMMON_WEIGHT, COMMON_STRENGTH = 5.0, 0.25  # of a measure between 0 and 1; the strength is that of all hypotheses together
+REFUSALS = 5  # of right masks that wrong and accepted ones cost: people see a refusal at once
 
 
 def fit_network(channels: np.ndarray, labels: np.ndarray, seed: int = 0) -> torch.nn.Module:
@@ -121,7 +125,7 @@ def fit_score(args: argparse.Namespace) -> None:
             truth = replace(truth, scene=replace(truth.scene, segmenter=PromptedSegmenter(segmenter)))
             cached.write_text(json.dumps(rate_hypotheses(truth, network)))
         found = json.loads(cached.read_text())
-        rows += [row | {"object": name_object(folder)} for row in found]
+        rows += [row | {"object": name_object(folder), "capture": folder.name} for row in found]
         print(folder.name, *(f"{row['overlap']:.2f}" for row in found), flush=True)
     measures = [field.name for field in fields(mask_scores.Measures)]
     x = np.array([[row["measures"][name] for name in measures] for row in rows])
@@ -132,9 +136,29 @@ def fit_score(args: argparse.Namespace) -> None:
         left_out[names == name] = offset - x[names == name] @ weights
     print(f"{len(y)} hypotheses, {y.mean():.3f} right; objects left out in turn:")
     print(f"{((left_out > 0) & ~y).sum()} wrong ones accepted, {((left_out <= 0) & y).sum()} right ones refused")
+    print("captures accepted from a probability on (finder.LEAST): right, wrong, right less the cost of the wrong")
+    rights, wrongs, probabilities = choose_likeliest(rows, expit(left_out))
+    for least in np.round(np.arange(0.5, 0.995, 0.05 / 3), 3):
+        right, wrong = (rights & (probabilities >= least)).sum(), (wrongs & (probabilities >= least)).sum()
+        print(f"{least:.3f}: {right}, {wrong}, {right - REFUSALS * wrong}")
     weights, offset = fit_logistic(x, y)
     stored = {"weights": dict(zip(measures, np.round(weights, 4).tolist(), strict=True)), "offset": round(offset, 4)}
     mask_scores.WEIGHTS.write_text(json.dumps(stored) + "\n")
+
+
+def choose_likeliest(rows: list[dict[str, Any]], probabilities: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of each capture's likeliest masks by all cues: (C,) bool whether they are right, whether they are wrong, and (C,) their probability.
+
+    Between right and wrong masks are poor, and count for neither.
+    """
+    captures = np.array([row["capture"] if not row["without"] else "" for row in rows])
+    chosen = [
+        int(place[probabilities[place].argmax()])
+        for name in np.unique(captures[captures != ""])
+        for place in [np.flatnonzero(captures == name)]
+    ]
+    overlaps = np.array([rows[index]["overlap"] for index in chosen])
+    return overlaps >= mask_scores.RIGHT_OVERLAP, overlaps < WRONG_MEDIAN, probabilities[chosen]
 
 
 def fit_logistic(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
@@ -142,18 +166,18 @@ def fit_logistic(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
 
     The weights are drawn to a common one: what no masks here were wrong by counts, too.
     """
-    weights, offset = torch.zeros(x.shape[1], requires_grad=True), torch.zeros(1, requires_grad=True)
-    optimizer = torch.optim.Adam([weights, offset], 0.05)
-    values, truth = torch.from_numpy(x.astype(np.float32)), torch.from_numpy(y.astype(np.float32))
-    for _ in range(3000):
-        odds = offset - values @ weights.clamp(min=0)
-        loss = (
-            torch.nn.functional.binary_cross_entropy_with_logits(odds, truth) + COMMON_STRENGTH * (weights - COMMON_WEIGHT).square().sum()
-        )
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-    return weights.detach().clamp(min=0).numpy(), float(offset.detach()[0])
+    count = x.shape[1]
+
+    def measure_loss(weights_offset: np.ndarray) -> tuple[float, np.ndarray]:
+        away = weights_offset[:count] - COMMON_WEIGHT
+        odds = weights_offset[count] - x @ weights_offset[:count]
+        loss = np.logaddexp(0, np.where(y, -odds, odds)).sum() + COMMON_STRENGTH * (away**2).sum()
+        slope = expit(odds) - y
+        return float(loss), np.append(2 * COMMON_STRENGTH * away - x.T @ slope, slope.sum())
+
+    bounds = [(0.0, None)] * count + [(None, None)]
+    found = minimize(measure_loss, np.full(count + 1, COMMON_WEIGHT), jac=True, bounds=bounds).x
+    return found[:count], float(found[count])
 
 
 def measure_overlap(found: Hypothesis, truth: Truth) -> float:

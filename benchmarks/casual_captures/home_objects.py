@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from casual_captures.home import apple, computer_mouse, desk_lamp, potted_plant, tissue_box, white_vase
+from casual_captures.household import candlestick, floor_lamp, flower_vase, hammer, pliers, toaster
 from casual_captures.toys import doll_chair, rubber_duck, teddy, thin_figure
 from zeroshop_steps.synthetic.demo_objects import write_product
 from zeroshop_steps.synthetic.products.assemble import Product
@@ -19,6 +20,12 @@ HOME_OBJECTS: tuple[Callable[[], Product], ...] = (
     white_vase,
     potted_plant,
     desk_lamp,
+    pliers,
+    hammer,
+    floor_lamp,
+    flower_vase,
+    toaster,
+    candlestick,
 )
 """In the order of their object identifiers, which start at 1."""
 

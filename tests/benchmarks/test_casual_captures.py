@@ -111,8 +111,8 @@ def test_a_lamp_casts_a_dark_shadow() -> None:
     assert np.percentile(ground, 2) < 0.6 * np.percentile(ground, 75)
 
 
-@pytest.mark.parametrize("name", ["rubber_duck", "thin_figure"])
+@pytest.mark.parametrize("name", ["rubber_duck", "thin_figure", "flower_vase", "candlestick"])
 def test_home_objects_are_closed_textured_models(name: str, tmp_path: Path) -> None:
     product = home_objects.HOME_OBJECTS[home_objects.list_home_objects().index(name)]()
     mesh = make_textured_mesh(product, 256)
-    assert 80 < np.ptp(mesh.vertices, axis=0).max() < 300 and mesh.texture_image.std() > 5
+    assert 80 < np.ptp(mesh.vertices, axis=0).max() < 450 and mesh.texture_image.std() > 5

@@ -24,10 +24,11 @@ from zeroshop_steps.geometry.meshes.surface_fields import build_neighbour_matrix
 from zeroshop_steps.geometry.meshes.triangle_meshes import SAME_SIDE_COSINE, Mesh, diameter_of
 from zeroshop_steps.geometry.observation.visibility import SHOWING_COSINE, VISIBLE_SHARE, compute_view_maps, find_visible, sample_image
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer, RayHits
-from zeroshop_steps.register.scene.image_set import MIN_IMAGES, REFERENCE_PX
+from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 from zeroshop_steps.runtime.errors import StepError
 
 SAMPLES = 6000  # points of the surface; the shares are then known to about one per cent
+LEAST_VIEWS = 3  # photos that must see a point for it to count; two can agree by chance
 MIN_TRUST = 0.1  # of 1 (geometry/observation/visibility.py); closer to an edge a pixel may show something else
 OFFSETS_DIAMETERS = np.r_[-0.30:-0.019:0.02, 0.02:0.081:0.02]  # tried depths along the normal, outwards positive; hollows are deep
 AROUND = 32  # points of the surface that are judged together
@@ -94,7 +95,7 @@ def measure_photo_agreement(mesh: Mesh, views: Sequence[View]) -> PhotoAgreement
     spread = np.stack([_measure_spread(shown, weight) for shown in colors])
     spread[1:][~(look.on_object[1:] | (weight == 0)).all(2)] = np.inf
     slope = (look.slope * weight).sum(1) / np.maximum(weight.sum(1), 1e-12)
-    judged = (weight > 0).sum(1) >= MIN_IMAGES
+    judged = (weight > 0).sum(1) >= LEAST_VIEWS
     return PhotoAgreement(
         silhouette_agreement=float(np.mean(look.iou)),
         back_share=look.back_px / max(look.mesh_px, 1),

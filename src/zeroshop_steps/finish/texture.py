@@ -19,7 +19,6 @@ from scipy.sparse import csr_matrix
 from zeroshop_steps.finish.export import make_metadata, move_to_object_frame, read_stages, summarize_product, write_product
 from zeroshop_steps.finish.texturing import exposure_gains
 from zeroshop_steps.finish.texturing.atlas import Texels, fill_gutters, rasterize_atlas
-from zeroshop_steps.finish.texturing.exposure_gains import ROUNDS
 from zeroshop_steps.finish.texturing.texel_colors import VotingView, make_texel_colors
 from zeroshop_steps.finish.texturing.unwrap import check_texture_size, measure_atlas_use, unwrap_mesh
 from zeroshop_steps.geometry.cameras.registered_views import View, read_views
@@ -45,6 +44,7 @@ from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 # A step of smoothing averages over direct neighbours, so its reach grows with the edges of the mesh.
 QUALITY_SMOOTHING = 6  # steps; regions that take their detail from one photo become larger
 SELECT_POWER = 12.0  # of the quality; at 12, a photo of 90 % of the best one's quality gets 28 % of its weight
+HIGHLIGHT_ROUNDS = 4  # the mean and the weights are computed in turns
 HIGHLIGHT = 0.06  # difference of colour (of 1) from the mean at which a photo's weight is half
 GLARE = 0.03  # of 1, by which a photo is brighter than the mean where it counts half as a source of detail
 LEAST_QUALITY = 0.05  # of the best view: less counts neither for exposure nor for the level, and leaves a texel to any photo
@@ -207,7 +207,7 @@ def _average_colors(
         glare: (V, K) by how much photo k is brighter than the mean; not below 0.
     """
     weights = quality.copy()
-    for _ in range(ROUNDS):
+    for _ in range(HIGHLIGHT_ROUNDS):
         mean = np.einsum("vk,vkc->vc", weights, colors) / np.maximum(weights.sum(1), 1e-12)[:, None]
         distance = np.linalg.norm(colors - mean[:, None], axis=2)
         weights = quality / (1.0 + (distance / HIGHLIGHT) ** 2)

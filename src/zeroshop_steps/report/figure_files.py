@@ -3,22 +3,11 @@
 from pathlib import Path
 
 import matplotlib
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from zeroshop_steps.runtime.files import atomic_write
-
-DOTS_PER_INCH = 150
-
-
-def start_plot() -> tuple[Figure, Axes]:
-    """A figure with one plot, which has a grid."""
-    figure = Figure(dpi=DOTS_PER_INCH, layout="constrained")
-    axes = figure.add_subplot()
-    axes.grid(alpha=0.3)
-    return figure, axes
 
 
 def write_figure(figure: Figure, path: Path) -> None:

@@ -10,12 +10,13 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from zeroshop_steps.report.figure_files import start_plot, write_figure
+from zeroshop_steps.report.figure_files import write_figure
 from zeroshop_steps.report.grasping import FIRST, SECOND, mark_poses, read_attempts, sum_marks
 from zeroshop_steps.report.robustness import SCALE, UNDERSIDE, damages_of
 from zeroshop_steps.runtime.tables import write_table
 
 COLUMNS = ("dataset", "object", "friction", "damage", "amount", "measure", "value")
+SCALE_INCHES, UNDERSIDE_INCHES, DOTS_PER_INCH = (7.0, 4.0), (4.5, 4.0), 150
 AMOUNTS = ("there", "missing")  # of the underside
 APART_PERCENT = 1.0  # between lines of objects that would hide one another, upwards
 
@@ -49,18 +50,21 @@ def read_shares(folder: Path) -> list[dict[str, Any]]:
 
 def draw_scale_plot(rows: list[dict[str, Any]]) -> Figure:
     """Shares at the first attempt over the error of the scale."""
-    figure, axes = start_plot()
+    figure = Figure(figsize=SCALE_INCHES, dpi=DOTS_PER_INCH, layout="constrained")
+    axes = figure.add_subplot()
     for number, (name, own) in enumerate(_lines(rows).items()):
         steps = sorted((float(amount.removesuffix(" %")), value) for damage, amount, value in own if damage == SCALE)
         axes.plot(*zip(*steps, strict=True), marker="o", color=f"C{number}", label=name)
     axes.set(xlabel="error of the scale of the robot's models in %", ylabel=FIRST, ylim=_limits(rows))
+    axes.grid(alpha=0.3)
     axes.legend()
     return figure
 
 
 def draw_underside_plot(rows: list[dict[str, Any]]) -> Figure:
     """Shares at the first attempt with and without the underside."""
-    figure, axes = start_plot()
+    figure = Figure(figsize=UNDERSIDE_INCHES, dpi=DOTS_PER_INCH, layout="constrained")
+    axes = figure.add_subplot()
     for number, (name, own) in enumerate(_lines(rows).items()):
         shares = {amount: value for damage, amount, value in own if damage == UNDERSIDE}
         steps = [(place, shares[amount]) for place, amount in enumerate(AMOUNTS) if amount in shares]
@@ -68,6 +72,7 @@ def draw_underside_plot(rows: list[dict[str, Any]]) -> Figure:
     axes.set(
         xlabel="underside of the robot's models", ylabel=FIRST, xticks=[0, 1], xticklabels=AMOUNTS, xlim=(-0.3, 1.3), ylim=_limits(rows)
     )
+    axes.grid(alpha=0.3)
     axes.legend()
     return figure
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from zeroshop_steps.report.figure_files import start_plot, write_figure
+from zeroshop_steps.report.figure_files import write_figure
 from zeroshop_steps.report.site.svg_plots import LEAST_FOR_TREND
 from zeroshop_steps.report.table import parse_cell
 from zeroshop_steps.runtime.errors import StepError
@@ -26,6 +26,7 @@ PUBLISHED = Path(__file__).with_name("published_heights.csv")
 BESIDE, APART, MAST3R, THESIS = "board beside the object", "board in the empty scene", "MASt3R", "thesis: MASt3R"
 COLORS = {BESIDE: "tab:orange", APART: "tab:green", MAST3R: "tab:red", THESIS: "tab:blue"}
 MARKS = {BESIDE: "^", APART: "v", MAST3R: "s", THESIS: "o"}
+FIGURE_INCHES, DOTS_PER_INCH, MARK_POINTS2 = (7.0, 4.5), 150, 24  # as wide as a text column; the area of a mark
 COLUMNS = (
     "dataset",
     "object",
@@ -129,7 +130,8 @@ def _published_columns(found: PublishedHeight) -> dict[str, str | float]:
 
 def draw_plot(rows: Sequence[dict[str, str | float]], published: Sequence[PublishedHeight]) -> Figure:
     """Plot the absolute error in per cent over the true height in metres, ours and the thesis's, with straight trends."""
-    figure, axes = start_plot()
+    figure = Figure(figsize=FIGURE_INCHES, dpi=DOTS_PER_INCH, layout="constrained")
+    axes = figure.add_subplot()
     points = {THESIS: np.array([(found.height_m, abs(found.difference_percent)) for found in published])}
     for how in (BESIDE, APART, MAST3R):
         own = [(row["height_m"], abs(float(row["difference_percent"]))) for row in rows if row["how"] == how and "height_m" in row]
@@ -137,11 +139,12 @@ def draw_plot(rows: Sequence[dict[str, str | float]], published: Sequence[Publis
     for how, found in points.items():
         if len(found) == 0:
             continue
-        axes.scatter(found[:, 0], found[:, 1], color=COLORS[how], marker=MARKS[how], label=how)
+        axes.scatter(found[:, 0], found[:, 1], s=MARK_POINTS2, color=COLORS[how], marker=MARKS[how], label=how)
         if len(found) >= LEAST_FOR_TREND:
             slope, level = np.polyfit(found[:, 0], found[:, 1], 1)
             ends = np.array([found[:, 0].min(), found[:, 0].max()])
             axes.plot(ends, level + slope * ends, color=COLORS[how], linewidth=1.0)
     axes.set(xlabel="true height in m", ylabel="error of the measured height in %", ylim=(0.0, None))
+    axes.grid(alpha=0.3)
     axes.legend()
     return figure

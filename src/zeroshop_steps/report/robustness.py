@@ -11,12 +11,13 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from zeroshop_steps.report.figure_files import start_plot, write_figure
+from zeroshop_steps.report.figure_files import write_figure
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import read_table, write_table
 
 COLUMNS = ("dataset", "estimator", "masks", "damage", "amount", "measure", "object", "value", "source")
 SCALE, UNDERSIDE = "scale", "underside"
+FIGURE_INCHES, DOTS_PER_INCH = (7.0, 4.0), 150
 SHOWN = {"ar": "AR", "ar_vsd": "AR of VSD", "ar_mssd": "AR of MSSD", "ar_mspd": "AR of MSPD"}
 
 
@@ -69,7 +70,8 @@ def damages_of(models: str, path: Path) -> list[tuple[str, str]]:
 
 def draw_plot(rows: list[dict[str, str]]) -> Figure:
     """Average recalls over the error of the scale in per cent; without the underside, as marks beside."""
-    figure, axes = start_plot()
+    figure = Figure(figsize=FIGURE_INCHES, dpi=DOTS_PER_INCH, layout="constrained")
+    axes = figure.add_subplot()
     overall = [row for row in rows if row["object"] == ""]
     for number, (measure, text) in enumerate(SHOWN.items()):
         steps = sorted(
@@ -82,5 +84,6 @@ def draw_plot(rows: list[dict[str, str]]) -> Figure:
         axes.plot([0.0] * len(missing), missing, marker="x", linestyle="none", color=f"C{number}")
     axes.plot([], [], marker="x", linestyle="none", color="black", label="without the underside")
     axes.set(xlabel="error of the models' scale in %", ylabel="average recall", ylim=(0.0, 1.0))
+    axes.grid(alpha=0.3)
     axes.legend()
     return figure

@@ -35,9 +35,9 @@ from zeroshop_steps.segment.support import Candidate, propose_supports, settle_s
 from zeroshop_steps.segment.support_voxels import VoxelGrid, count_votes, render_silhouettes
 
 WIDTH_PX = 480  # masks are cut at this width at most; time grows with its square
-SURE, LEAST = 0.85, 0.77
-"""The probability from which on no other hypothesis is tried, and below which masks are refused: the least that refuses all masks of the
-tune half which overlap with the truth by less than 0.8."""
+SURE, LEAST = 0.97, 0.95
+"""The probability from which on no other hypothesis is tried, and below which masks are refused: on the captures of the tune half, their
+objects left out of the fit, the right masks less five times the wrong ones that are accepted are most (benchmarks/fit_masks.py)."""
 MOST_ROOMS = 4  # that are tried for an object
 EQUAL, RIVAL = 0.9, 0.6  # how likely another object is meant: either may be, and it is tried, too
 LEAST_HALF, LEAST_COMMON = 6, 0.3  # photos in half of the capture, and share of the voxels that both halves show of an object that stays

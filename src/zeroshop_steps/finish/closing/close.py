@@ -27,7 +27,6 @@ from zeroshop_steps.geometry.alignment.surface_distance import count_seeing_view
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.meshes.meshlab import VOXEL_STEPS
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
-from zeroshop_steps.geometry.observation.visibility import VISIBLE_SHARE
 from zeroshop_steps.surface.mvs.seeds import read_confirmed_points
 
 if TYPE_CHECKING:
@@ -39,6 +38,8 @@ real captures with ground in their masks 0.03 to 0.06."""
 SMALL_HOLES_DIAGONALS = 1.0
 """Holes whose borders are together shorter than this, in diagonals of the object, are filled one by one. Of rendered objects the
 clamp has 0.6, a mug whose plain inside is torn 7.8; real captures with torn surfaces have 13."""
+ADDED_DIAGONALS = 0.005
+"""A face farther than this from the measured surface, in diagonals of the object, was added."""
 UPRIGHT_SHARE = 0.9
 """A filled hole is accepted where its border, seen along its normal, hardly overlaps itself: by area."""
 UPRIGHT_CERTAINTY, FLOOR_DIAGONALS = 0.9, 0.005
@@ -160,8 +161,8 @@ def close_by_generated(
     proposal = propose(mesh, views, confirmed, generated)
     closed = simplify(close_surface(proposal.measured, views, plane, proposal.shape), max_faces, VOXEL_STEPS)
     diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    closed = MeasuredSurface(proposal.measured).snapped(closed, VISIBLE_SHARE * diagonal).with_normals()
-    kept = measure_distances(proposal.measured, closed.vertices[closed.faces].mean(1)) <= VISIBLE_SHARE * diagonal
+    closed = MeasuredSurface(proposal.measured).snapped(closed, ADDED_DIAGONALS * diagonal).with_normals()
+    kept = measure_distances(proposal.measured, closed.vertices[closed.faces].mean(1)) <= ADDED_DIAGONALS * diagonal
     whole, underside = _with_unseen_last(closed, kept, len(find_open_borders(proposal.measured.faces)))
     return whole, underside, {"fit_diagonals": round(proposal.distance / diagonal, 5), "lids_share": round(proposal.lids, 5)}
 
@@ -256,7 +257,7 @@ def close_in_space(mesh: Mesh, views: Sequence[View], plane: "GroundPlane | None
 
     closed = simplify(close_surface(mesh, views, plane), max_faces, VOXEL_STEPS).with_normals()
     diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    added = measure_distances(mesh, closed.vertices[closed.faces].mean(1)) > VISIBLE_SHARE * diagonal
+    added = measure_distances(mesh, closed.vertices[closed.faces].mean(1)) > ADDED_DIAGONALS * diagonal
     seen = ~added
     seen[added] = _is_seen(closed, closed.faces[added], views)
     return _with_unseen_last(closed, seen, len(find_open_borders(mesh.faces)))

@@ -23,10 +23,11 @@ from zeroshop_steps.finish.texturing.colour_consistency import Photos, Pixels, s
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.meshes.triangle_meshes import FACING_COSINE, Mesh
 from zeroshop_steps.geometry.observation.vertex_support import NEAR_DIAMETERS
-from zeroshop_steps.geometry.observation.visibility import VISIBLE_SHARE
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 # Lengths in diagonals of the mesh, deviations of colours in grey levels of 255. All were set on the demo mug and bowl.
+CHANGED_DIAGONALS = 0.004
+"""Pixels that see at least this much farther into the widest cavity look into it."""
 LID_SHARE = 0.15
 """Of the surface that faces up, seen from above: with less of it unconfirmed, there is no lid."""
 THINNEST_VOXELS, WALL_STEP, FINE_STEP = 0.75, 1.4, 1.12
@@ -203,7 +204,7 @@ class _Search:
         """Pixels that look into the widest cavity, and others, to compare with."""
         pixels = self.photos.pixels(STEP_SHARE)
         now, then = (see(scene, self.photos.cameras, pixels) for scene in (self.surface, widest))
-        farther = now.hit & (np.linalg.norm(then.place - now.place, axis=1) > VISIBLE_SHARE * self.vessel.diagonal)
+        farther = now.hit & (np.linalg.norm(then.place - now.place, axis=1) > CHANGED_DIAGONALS * self.vessel.diagonal)
         return _thin_out(pixels.chosen(farther)), _thin_out(pixels.chosen(now.hit & ~farther))
 
 

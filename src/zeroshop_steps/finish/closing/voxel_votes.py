@@ -9,11 +9,13 @@ import numpy as np
 
 from zeroshop_steps.finish.clean import RENDER_PX
 from zeroshop_steps.geometry.cameras.registered_views import View
-from zeroshop_steps.geometry.cameras.transforms import CROP_MARGIN, shrink_camera
+from zeroshop_steps.geometry.cameras.transforms import shrink_camera
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.observation.visibility import MIXED_PX
 from zeroshop_steps.geometry.rendering.mesh_rendering import MeshRenderer
 
+ROOM = 1.12
+"""Side of the block of voxels, in the longest side of the mesh's box."""
 FRONT_VOXELS, BEHIND_VOXELS = 1.5, (0.5, 4.0)
 """A voxel this far in front of measured surface is seen through; between these behind it, solid."""
 
@@ -30,7 +32,7 @@ class Grid:
     def around(mesh: Mesh, count: int) -> "Grid":
         """A block about the mesh's box, with room."""
         low, high = mesh.vertices.min(0), mesh.vertices.max(0)
-        extent = CROP_MARGIN * float((high - low).max())
+        extent = ROOM * float((high - low).max())
         return Grid((low + high) / 2 - extent / 2 + extent / count / 2, extent / count, count)
 
     def centres(self, index: np.ndarray) -> np.ndarray:

@@ -27,22 +27,27 @@ from zeroshop_steps.finish.closing.generated import GeneratedShape
 from zeroshop_steps.finish.closing.measured_surface import MeasuredSurface
 from zeroshop_steps.finish.closing.voxel_votes import Grid, Votes, cast_votes
 from zeroshop_steps.geometry.cameras.registered_views import View
-from zeroshop_steps.geometry.meshes.triangle_meshes import SAME_SIDE_COSINE, Mesh
+from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.support.ground_plane import Plane
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
-from zeroshop_steps.surface.mvs.free_space import FILL_VOTE, FULL_VOTE_VIEWS, SOLID_VOXELS, SOLID_WEIGHT, minimize_surface
+from zeroshop_steps.surface.mvs.free_space import minimize_surface
 
 COARSE, FINE = 128, 256
 """Voxels along the longest side: of the votes, and of the signed distance."""
 OUTSIDE_VIEWS, OUTSIDE_SHARE = 2, 0.2
 """A voxel outside of at least so many masks, and of this share of those that frame it, is empty: single masks may be wrong."""
+SOLID_WEIGHT, FULL_VOTES, FILL = 2.0, 3.0, 0.1
+"""As in `surface.free_space`: what a vote for solid weighs, how many votes count fully, and the lean to solid without any."""
 MEASURED_VOTE = 2.0
 """Vote of the mesh itself near measured surface, in full votes of the photos."""
+SMOOTHNESS, STEPS = 0.3, 200
 GUESS_VOTE = 1.0
 """Vote of a generated shape where the photos say nothing, in full votes of the photos."""
 ASKED_VOXELS, AGREED_VOXELS, JOIN_VOXELS = 2.0, 1.5, 3.0
 """Coarse voxels: this near to the closed shape, and where that is this near to the generated one, the distance of the latter is taken;
 and this near to measured surface, the two are joined."""
+NEAR_VOXELS = 2.0
+"""Within this many coarse voxels of the mesh its own signed distance counts."""
 PART_SHARE = 0.05
 """Closed parts smaller than this share of the largest are dropped, first by the measured surface that they hold."""
 BAND_VOXELS = 6.0
@@ -50,6 +55,8 @@ DIFFUSION_STEPS = 60
 """Reaches about eight fine voxels from the rims; farther inside a hole the smooth closed shape counts."""
 GROUND_DIAGONALS, GROUND_HEIGHTS = 0.02, 0.05
 """The layer above the support plane in which masks may hold ground: in diagonals of the object, at most this share of its height."""
+FLAT_COSINE = 0.7
+"""Ground faces up within 45 degrees: stereo on plain ground is rough."""
 SNAP_VOXELS = 0.75
 """Vertices this near to measured surface, in fine voxels, are put onto it."""
 
@@ -75,7 +82,7 @@ class GroundPlane(Plane):
         """Share of the mesh's area that lies flat within this layer, facing up: ground that the masks hold."""
         low = (self.heights(mesh.vertices)[mesh.faces] < self.ground_layer(mesh)).all(1)
         areas = mesh.face_areas()
-        return float(areas[low & (mesh.face_normals() @ self.normal > SAME_SIDE_COSINE)].sum() / max(areas.sum(), 1e-30))
+        return float(areas[low & (mesh.face_normals() @ self.normal > FLAT_COSINE)].sum() / max(areas.sum(), 1e-30))
 
 
 def close_surface(mesh: Mesh, views: Sequence[View], plane: GroundPlane | None, guess: GeneratedShape | None = None) -> Mesh:
@@ -105,12 +112,12 @@ def _occupancy(grid: Grid, surface: MeasuredSurface, votes: Votes, plane: Ground
     allowed = ~((outside >= OUTSIDE_VIEWS) & (outside >= OUTSIDE_SHARE * votes.framed))
     bounded = _is_bounded(grid, allowed, plane)
     allowed[[0, -1]] = allowed[:, [0, -1]] = allowed[:, :, [0, -1]] = False
-    data = np.clip((empty - 1.0 - SOLID_WEIGHT * solid) / FULL_VOTE_VIEWS, -1.0, 1.0).astype(np.float32)
+    data = np.clip((empty - 1.0 - SOLID_WEIGHT * solid) / FULL_VOTES, -1.0, 1.0).astype(np.float32)
     undecided = (empty <= 1) & (solid == 0)
-    data[undecided] = -FILL_VOTE
+    data[undecided] = -FILL
     if guess is not None or not bounded:
         asked = np.argwhere(undecided & allowed)
-        places, vote = grid.centres(asked), FILL_VOTE if guess is None else GUESS_VOTE
+        places, vote = grid.centres(asked), FILL if guess is None else GUESS_VOTE
         inside = _lies_in_convex_hull(places, surface.mesh, plane) if guess is None else guess.contains(places)
         data[tuple(asked.T)] = np.where(inside, -vote, vote)
     index = np.argwhere(allowed)
@@ -119,9 +126,9 @@ def _occupancy(grid: Grid, surface: MeasuredSurface, votes: Votes, plane: Ground
         above = plane.heights(centres) > 0
         allowed[tuple(index[~above].T)] = False
         index, centres = index[above], centres[above]
-    distance, known = surface.signed_distance(centres, SOLID_VOXELS * grid.side)
+    distance, known = surface.signed_distance(centres, NEAR_VOXELS * grid.side)
     data[tuple(index[known].T)] = np.where(distance[known] > 0, MEASURED_VOTE, -MEASURED_VOTE)
-    occupied = minimize_surface(np.where(allowed, data, np.float32(1)), allowed) > 0.5
+    occupied = minimize_surface(np.where(allowed, data, np.float32(1)), allowed, SMOOTHNESS, STEPS) > 0.5
     return ndimage.binary_fill_holes(_keep_measured_parts(occupied, tuple(index[known].T)))
 
 
@@ -167,7 +174,7 @@ def _signed_distance(fine: Grid, coarse: Grid, occupied: np.ndarray, surface: Me
     distance = ndimage.zoom(smooth, fine.count // coarse.count, order=1, grid_mode=True, mode="nearest")
     limit = BAND_VOXELS * coarse.side
     index = np.argwhere(np.abs(distance) < limit)
-    own, near = surface.signed_distance(fine.centres(index), SOLID_VOXELS * coarse.side)
+    own, near = surface.signed_distance(fine.centres(index), NEAR_VOXELS * coarse.side)
     np.clip(distance, -limit, limit, out=distance)
     distance[tuple(index[near].T)] = own[near]
     free = ~near

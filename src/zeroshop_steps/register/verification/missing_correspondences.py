@@ -16,7 +16,6 @@ import numpy as np
 import pycolmap
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.geometry.alignment.surface_points import PLANE_NEIGHBOURS
 from zeroshop_steps.geometry.cameras.pinhole import Camera, take_cameras
 from zeroshop_steps.geometry.imaging.image_overlap import SIDE_PX
 from zeroshop_steps.geometry.imaging.images import read_image
@@ -31,6 +30,7 @@ MOST_ANGLE_DEG, MOST_SCALE = 20.0, 1.4
 MOST_POINTS, LEAST_POINTS = 40, 10  # of a pair, in either direction: that are compared, and that tell something
 OTHER_PLACES, LEAST_PLACES = 10, 3
 AWAY_PX = PATCH_PX * 3  # other places are so far from the point's own
+PLANE_POINTS = 12  # nearest points, which span the plane around a point
 LEAST_SLOPE = 0.1  # cosine between a plane's normal and the ray to a camera; flatter planes are seen too obliquely to be carried
 MOST_PAIRS = 150  # that are compared, drawn at random
 LIKE_SHARE = 0.7
@@ -85,9 +85,9 @@ def _shrink(camera: Camera, folder: Path, seen: np.ndarray) -> _Image:
 def _span_planes(model: pycolmap.Reconstruction) -> np.ndarray:
     """(P, 3) unit normals of the planes that the nearest points of each point span."""
     points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
-    if len(points) < PLANE_NEIGHBOURS:
+    if len(points) < PLANE_POINTS:
         return np.zeros_like(points)
-    near = points[cKDTree(points).query(points, PLANE_NEIGHBOURS)[1]]
+    near = points[cKDTree(points).query(points, PLANE_POINTS)[1]]
     away = near - near.mean(1, keepdims=True)
     return np.asarray(np.linalg.eigh(np.einsum("pki,pkj->pij", away, away))[1][:, :, 0])
 

@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeVar
 
 import torch
 
-from zeroshop_steps.networks.devices import PROCESS_BYTES, choose_device, choose_precision, measure_free_bytes
+from zeroshop_steps.networks.devices import choose_device, choose_precision, measure_free_bytes
 from zeroshop_steps.networks.vggt.model import Vggt, list_matrices
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.networks.vggt.track_head import VOLUME_VALUES
@@ -18,6 +18,7 @@ from zeroshop_steps.runtime.errors import StepError
 CHUNKS = {"cpu": (1,), "cuda": (8, 4, 2, 1)}
 """Images at a time in the dense heads, the first that fits: on the processor more than one only costs memory."""
 VALUE_BYTES = torch.float32.itemsize
+BASE_BYTES = 600_000_000  # Python and PyTorch themselves
 TOKEN_WIDTHS = {False: 18, True: 14}
 """Values of a token that are alive at once in a block, as a multiple of the token's width, and where bfloat16 is used; measured."""
 DENSE_MAPS = 3.2  # the same for a dense head, as a multiple of `features` at each pixel of the image; measured
@@ -46,7 +47,7 @@ def predict_peak_bytes(
     maps = frames * pixels / settings.track_stride**2 * settings.track_features
     follow = kept + 3 * maps + 2 * VOLUME_VALUES + TRACK_WIDTHS * frames * (points + settings.virtual_tracks) * settings.track_width
     values = max(attention, dense, follow if points else 0) + 3 * frames * pixels
-    return int(PROCESS_BYTES + weights_bytes - (count_half_bytes(settings) if half else 0) + VALUE_BYTES * values)
+    return int(BASE_BYTES + weights_bytes - (count_half_bytes(settings) if half else 0) + VALUE_BYTES * values)
 
 
 @functools.cache

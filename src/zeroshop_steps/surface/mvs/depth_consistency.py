@@ -10,21 +10,24 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_VIEWS
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.observation.visual_hull import VisualHull
 from zeroshop_steps.surface.mvs.depth_maps import find_gaps, unproject
 from zeroshop_steps.surface.mvs.free_space import carve_free_space
 from zeroshop_steps.surface.mvs.given_depth import GivenDepth
-from zeroshop_steps.surface.mvs.joined_depth import CHECKED_VIEWS, CONTRADICTION_GAP, DEPTH_TOLERANCE, join_depths
+from zeroshop_steps.surface.mvs.joined_depth import CHECKED_VIEWS, CONTRADICTING_VIEWS_MIN, CONTRADICTION_GAP, join_depths
 from zeroshop_steps.surface.mvs.patchmatch import estimate_depth_maps, select_neighbours
 from zeroshop_steps.surface.mvs.seeds import Seeds
 from zeroshop_steps.surface.rendering.training_views import TrainingView, make_grid_view
 
+CONSISTENT_VIEWS_MIN = 2
+"""A depth is confirmed when so many of them agree: as in COLMAP's multi-view stereo."""
 SEED_COST_MAX = 0.3
 """Depths with a higher cost of stereo (0 to 2) are no seeds."""
 CARVING_COST_MAX = 0.5
 """Depths with a higher cost do not carve the hull. The bound is looser, since a depth need not be exact to open a hollow."""
+DEPTH_TOLERANCE = 0.01
+"""Largest difference between the depths of two views that agree."""
 SEED_SPACING = 0.015
 """Edge of the cubic cells in which seeds are averaged: about the size of a voxel of the hull, 2 / 128."""
 
@@ -72,11 +75,11 @@ def confirm_depths(views: list[TrainingView], depths: list[np.ndarray]) -> list[
     maps = []
     for camera, depth, checked in zip(cameras, depths, neighbours, strict=True):
         agreeing = [np.abs(gap) < DEPTH_TOLERANCE for gap in _depth_gaps(camera, depth, cameras, depths, checked)]
-        maps.append(_keep_known(depth, np.sum(agreeing, axis=0) >= AGREEING_VIEWS))
+        maps.append(_keep_known(depth, np.sum(agreeing, axis=0) >= CONSISTENT_VIEWS_MIN))
     result = []
     for camera, depth in zip(cameras, maps, strict=True):
         contradicting = [gap > CONTRADICTION_GAP for gap in _depth_gaps(camera, depth, cameras, maps, range(len(views)))]
-        result.append(_keep_known(depth, np.sum(contradicting, axis=0) < AGREEING_VIEWS))
+        result.append(_keep_known(depth, np.sum(contradicting, axis=0) < CONTRADICTING_VIEWS_MIN))
     return result
 
 

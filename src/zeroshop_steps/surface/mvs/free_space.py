@@ -11,20 +11,19 @@ import numba
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_VIEWS
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.observation.visual_hull import VisualHull, voxel_centres
 
 # Each view's depth votes for each voxel of the hull. The weights below were set by hand on hollow objects (mug and bowl), with
 # hulls of 128 voxels along an edge.
-HULL_MARGIN_VOXELS = 2.5
-"""What lies farther than this from the hull is free space, and no depth there is right."""
 SOLID_VOXELS = 2.0
 """A confirmed surface declares what lies up to this far behind it solid."""
 FREE_MARGIN_VOXELS = 1.0
 """It declares empty what lies further before it than this, so that a voxel cut by the surface stays."""
 SOLID_WEIGHT = 2.0
 """A vote for solid counts as much as this many votes for empty, so that walls are not opened easily."""
+FREE_VIEWS_MIN = 2.0
+"""Up to this many votes for empty count nothing: one or two views may be wrong."""
 FULL_VOTE_VIEWS = 3.0
 """A majority of so many views counts as a full vote."""
 FILL_VOTE = 0.1
@@ -81,11 +80,11 @@ def carve_free_space(hull: VisualHull, cameras: list[Camera], depth_maps: list[n
         behind = (z - found) / voxel
         free += (found > 0) & (behind < -FREE_MARGIN_VOXELS)
         solid += (found > 0) & (behind > -0.5) & (behind < SOLID_VOXELS)
-    votes = np.clip((free - AGREEING_VIEWS - SOLID_WEIGHT * solid) / FULL_VOTE_VIEWS, -1.0, 1.0)
-    votes[(free <= AGREEING_VIEWS) & (solid == 0)] = -FILL_VOTE
+    votes = np.clip((free - FREE_VIEWS_MIN - SOLID_WEIGHT * solid) / FULL_VOTE_VIEWS, -1.0, 1.0)
+    votes[(free <= FREE_VIEWS_MIN) & (solid == 0)] = -FILL_VOTE
     grid = np.ones(hull.occupied.shape, np.float32)
     grid[hull.occupied] = votes
-    occupancy = minimize_surface(grid, hull.occupied)
+    occupancy = minimize_surface(grid, hull.occupied, SMOOTHNESS, STEPS)
     return VisualHull(occupancy > 0.5, hull.half_extent)
 
 
@@ -101,10 +100,10 @@ def _median_in_blocks(depth: np.ndarray, side: int) -> np.ndarray:
     return np.where(count > 0, middle, 0.0)
 
 
-def minimize_surface(votes: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """(R, R, R) float32 occupancy in [0, 1] that minimizes sum(u * votes) + SMOOTHNESS * total variation, 0 outside the hull."""
+def minimize_surface(votes: np.ndarray, inside: np.ndarray, smoothness: float, steps: int) -> np.ndarray:
+    """(R, R, R) float32 occupancy in [0, 1] that minimizes sum(u * votes) + smoothness * total variation, 0 outside the hull."""
     occupancy = np.where(votes < 0, np.float32(1), np.float32(0))
-    _descend(occupancy, occupancy.copy(), np.zeros((3, *votes.shape), np.float32), votes, inside, SMOOTHNESS, STEPS)
+    _descend(occupancy, occupancy.copy(), np.zeros((3, *votes.shape), np.float32), votes, inside, smoothness, steps)
     return occupancy
 
 

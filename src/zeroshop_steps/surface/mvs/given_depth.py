@@ -18,15 +18,20 @@ from zeroshop_steps.register.scene.depth_folder import OFF_DIAGONALS, DepthFolde
 from zeroshop_steps.register.scene.image_set import MIN_IMAGES
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.surface.mvs.depth_maps import ray_slopes, unproject
-from zeroshop_steps.surface.mvs.free_space import HULL_MARGIN_VOXELS, HullDistanceField
+from zeroshop_steps.surface.mvs.free_space import HullDistanceField
 from zeroshop_steps.surface.mvs.noise_models import NOISE, NoiseModel
 from zeroshop_steps.surface.rendering.training_views import TrainingView, make_grid_view
 
 LEAST_POINTS = 10
 """Sparse points with measured depth that tell the scale in an image."""
 WINDOW_PX = 3
-"""Edge of the window, in pixels of the photo at least, whose median is a depth and whose range is the slope;
-and of the square by which masks are eroded: the outermost pixels are mixed with the background."""
+"""Edge of the window, in pixels of the photo at least, whose median is a depth and whose range is the slope."""
+RIM_PX = 3
+"""Edge of the square by which masks are eroded: the outermost pixels are mixed with the background."""
+HULL_MARGIN_VOXELS = 2.0
+"""Depths farther outside the visual hull, and farther than three deviations, are wrong: all of the object lies inside."""
+HULL_DIAGONAL = 2.0
+"""Of the object, in normalized units: its sphere has radius 1."""
 REFUSALS = "; the surface is measured by the photos alone"
 
 
@@ -159,7 +164,7 @@ def _compare_with_points(noise: NoiseModel, depth_mm: np.ndarray, camera: Camera
 
 def _erode(view: TrainingView) -> np.ndarray:
     """(H, W) bool: the pixels of a view's grid that lie well inside its mask."""
-    square = np.ones((WINDOW_PX, WINDOW_PX), np.uint8)
+    square = np.ones((RIM_PX, RIM_PX), np.uint8)
     return cv2.erode((view.mask.numpy() > 0.5).astype(np.uint8), square, borderValue=0)[::STRIDE_PX, ::STRIDE_PX] > 0
 
 
@@ -169,7 +174,7 @@ def _drop_outside(camera: Camera, depth: np.ndarray, deviation: np.ndarray, dist
     if len(y) < LEAST_POINTS:
         return depth, None
     points, voxel = unproject(camera, depth, y, x), 2 * distance.half_extent / len(distance.distance_voxels)
-    far = distance.farther_than(points, OFF_DIAGONALS * len(distance.distance_voxels))
+    far = distance.farther_than(points, OFF_DIAGONALS * HULL_DIAGONAL / voxel)
     kept = ~distance.farther_than(points, HULL_MARGIN_VOXELS + 3.0 * deviation[y, x] / voxel)
     result = np.zeros_like(depth)
     result[y[kept], x[kept]] = depth[y[kept], x[kept]]

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_DEVIATIONS, AGREEING_VIEWS
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.surface.mvs.depth_maps import find_gaps, look_up_depths, unproject
 from zeroshop_steps.surface.mvs.given_depth import GivenDepth
@@ -21,15 +20,17 @@ from zeroshop_steps.surface.mvs.patchmatch import select_neighbours
 
 CHECKED_VIEWS = 8
 """Neighbouring views whose depths are compared with those of a view."""
+STEREO_DEVIATION = 0.003
+"""Standard deviation of stereo's confirmed depths: a third of the difference at which they agree."""
 DEVIATION_MAX = 0.02
 """Depths that are less sure than this, 1 % of the object's size, measure no surface; they still give the scale."""
-DEPTH_TOLERANCE = 0.01
-"""Largest difference between the depths of two views of stereo that agree."""
-STEREO_DEVIATION = DEPTH_TOLERANCE / AGREEING_DEVIATIONS
-"""Standard deviation of stereo's confirmed depths."""
-CONTRADICTION_GAP = DEPTH_TOLERANCE * AGREEING_DEVIATIONS
+AGREEING_DEVIATIONS = 3.0
+"""Two depths agree within this many standard deviations of their difference."""
+CONTRADICTION_GAP = 0.03
 """How far behind a depth other views must have found surface to contradict it, so that a depth that is only inexact contradicts nothing:
 three times the difference at which stereo's agree, or twice `AGREEING_DEVIATIONS` where that is more."""
+CONTRADICTING_VIEWS_MIN = 2
+"""A depth is dropped when so many views have found surface behind it."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ def join_depths(cameras: Sequence[Camera], stereo: Sequence[np.ndarray], given: 
     for index in range(len(cameras)):
         support = [_count_support(index, own, cameras, sources, neighbours[index]) for own in sources]
         through = _count_contradictions(index, sources[1], cameras, sources)
-        believed = np.where((support[1] > 0) & (through < AGREEING_VIEWS), sure[index], 0.0)
+        believed = np.where((support[1] > 0) & (through < CONTRADICTING_VIEWS_MIN), sure[index], 0.0)
         depth, deviation, conflict = combine(stereo[index], by_stereo[index], believed, given.deviations[index], support[0], support[1])
         depths.append(depth)
         deviations.append(deviation)

@@ -1,22 +1,26 @@
 """What training starts from: points on and near the surface, free space, and the depths that are known there.
 
-These come from stereo, or from the registration's sparse points alone (make_sparse_seeds)."""
+These come from stereo, or from the registration's sparse points alone (sparse_start.py)."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.geometry.alignment.surface_points import PLANE_NEIGHBOURS
 from zeroshop_steps.geometry.cameras.object_crops import ObjectSphere
 from zeroshop_steps.geometry.cameras.pinhole import Camera, SparseModel
 from zeroshop_steps.geometry.observation.visual_hull import find_inside_masks
-from zeroshop_steps.register.scene.image_set import MIN_IMAGES
 from zeroshop_steps.surface.mvs.depth_maps import ray_slopes
-from zeroshop_steps.surface.mvs.free_space import HULL_MARGIN_VOXELS, HullDistanceField
+from zeroshop_steps.surface.mvs.free_space import HullDistanceField
 from zeroshop_steps.surface.mvs.seeds import Seeds
 from zeroshop_steps.surface.rendering.training_views import TrainingView, make_grid_view
 
+FREE_SPACE_VOXELS = 2.5
+"""What lies farther than this from the carved hull is free space."""
+NORMAL_NEIGHBOURS = 12
+"""Nearest seeds through which a plane is fitted for a seed's normal."""
+TRACK_LENGTH_MIN = 3
+"""Sparse points that fewer images see are not trusted."""
 SPARSE_RADIUS_MAX = 1.2
 """Nor are those farther than this from the object's centre, whose sphere has radius 1."""
 
@@ -37,7 +41,7 @@ class FreeSpace:
     def contains(self, points: np.ndarray) -> np.ndarray:
         """(P,) bool: which (P, 3) points lie in free space."""
         outside = ~find_inside_masks(points, self.cameras, self.masks, misses_allowed=1)
-        return outside | self.hull_distance.farther_than(points, HULL_MARGIN_VOXELS)
+        return outside | self.hull_distance.farther_than(points, FREE_SPACE_VOXELS)
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,7 @@ def make_initialization(
     seed_normals = _fit_normals(seeds.positions, seeds.normals)
 
     sparse = (model.points - sphere.centre) / sphere.radius
-    trusted = (model.track_lengths >= MIN_IMAGES) & (np.linalg.norm(sparse, axis=1) < SPARSE_RADIUS_MAX)
+    trusted = (model.track_lengths >= TRACK_LENGTH_MIN) & (np.linalg.norm(sparse, axis=1) < SPARSE_RADIUS_MAX)
     trusted[trusted] = find_inside_masks(sparse[trusted], cameras, masks, misses_allowed=1)
     sparse = sparse[trusted]
 
@@ -122,9 +126,9 @@ def _gather_confirmed_depths(views: list[TrainingView], seeds: Seeds) -> tuple[d
 
 def _fit_normals(points: np.ndarray, towards: np.ndarray) -> np.ndarray:
     """(N, 3) normals of the planes through each point's nearest neighbours, on the side of `towards` (N, 3)."""
-    if len(points) < PLANE_NEIGHBOURS:
+    if len(points) < NORMAL_NEIGHBOURS:
         return towards
-    near = points[cKDTree(points).query(points, k=PLANE_NEIGHBOURS)[1]]
+    near = points[cKDTree(points).query(points, k=NORMAL_NEIGHBOURS)[1]]
     centred = near - near.mean(axis=1, keepdims=True)
     normals = np.linalg.eigh(np.einsum("nki,nkj->nij", centred, centred))[1][:, :, 0]
     return normals * np.where((normals * towards).sum(axis=1) < 0, -1.0, 1.0)[:, None]

@@ -134,7 +134,10 @@ def read_splat_ply(path: Path) -> tuple[Surfels, ObjectSphere]:
     path = Path(path)
     if not path.is_file():
         raise StepError(f"{path} does not exist; train first")
-    tables = read_ply_tables(path)
+    try:
+        tables = read_ply_tables(path)
+    except StepError as error:
+        raise StepError(f"{path} is not a whole splat PLY of this project; delete it and train again ({error})") from error
     vertex = tables.elements.get("vertex")
     sphere_line = [remark.split()[1:] for remark in tables.remarks if remark.startswith("object_sphere")]
     if vertex is None or list(vertex.columns) != _ply_columns() or not sphere_line:
