@@ -138,9 +138,9 @@ def fit_score(args: argparse.Namespace) -> None:
     print(f"{((left_out > 0) & ~y).sum()} wrong ones accepted, {((left_out <= 0) & y).sum()} right ones refused")
     print("captures accepted from a probability on (finder.LEAST): right, wrong, right less the cost of the wrong")
     rights, wrongs, probabilities = choose_likeliest(rows, expit(left_out))
-    for least in np.round(np.arange(0.5, 0.995, 0.05 / 3), 3):
+    for least in np.arange(50, 100) / 100:
         right, wrong = (rights & (probabilities >= least)).sum(), (wrongs & (probabilities >= least)).sum()
-        print(f"{least:.3f}: {right}, {wrong}, {right - REFUSALS * wrong}")
+        print(f"{least:.2f}: {right}, {wrong}, {right - REFUSALS * wrong}")
     weights, offset = fit_logistic(x, y)
     stored = {"weights": dict(zip(measures, np.round(weights, 4).tolist(), strict=True)), "offset": round(offset, 4)}
     mask_scores.WEIGHTS.write_text(json.dumps(stored) + "\n")

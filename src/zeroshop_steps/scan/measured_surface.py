@@ -12,7 +12,6 @@ from functools import cached_property
 import numpy as np
 from scipy import ndimage
 
-from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_VIEWS
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.transforms import make_unit
 from zeroshop_steps.geometry.meshes.triangle_meshes import FACING_COSINE
@@ -25,6 +24,7 @@ from zeroshop_steps.scan.workspace import Box, Grid
 UNKNOWN, SURFACE = 0, 2  # states of cells, beside FREE
 LEAST_BAND_M = 0.002  # before a measured point, cells count as surface up to this, or up to a cell: sensors are no more exact
 BEHIND_BANDS = 0.7  # and behind it: less, so that walls of two cells have two sides
+TRIES = 2  # a frontier that so many views looked at without measuring it counts no longer: it is dark, shiny, or too steep
 LEAST_SURFACE = 30  # cells, from which on the extent is that of the surface
 
 
@@ -116,7 +116,7 @@ class MeasuredSurface:
                 beside |= np.roll(free, step, axis)[1:-1, 1:-1, 1:-1]
         blurred = ndimage.gaussian_filter(free.astype(np.float32), SMOOTHING_VOXELS)
         slopes = np.stack([slope[1:-1, 1:-1, 1:-1].ravel() for slope in np.gradient(blurred)], -1)
-        open_cells = (self.states == UNKNOWN) & beside & (self._tries < AGREEING_VIEWS).reshape(self.states.shape)
+        open_cells = (self.states == UNKNOWN) & beside & (self._tries < TRIES).reshape(self.states.shape)
         frontier, surface = np.flatnonzero(open_cells), np.flatnonzero((self.states == SURFACE) & beside)
         return frontier, make_unit(slopes[frontier]), surface, make_unit(slopes[surface])
 

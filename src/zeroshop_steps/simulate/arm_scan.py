@@ -19,7 +19,6 @@ from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.geometry.observation.visibility import GRAZING_COSINE
 from zeroshop_steps.grasp.gripper import GRIPPERS, find_gripper
-from zeroshop_steps.register.scene.image_set import MIN_IMAGES
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.runtime.open3d_loader import o3d
@@ -32,6 +31,8 @@ from zeroshop_steps.simulate.arm.scan_robot import RINGS_DEG, ScanRobot, Stop
 from zeroshop_steps.simulate.arm.scan_scene import PROJECTOR_M, ScanScene
 from zeroshop_steps.synthetic.rendering.shading import use_threads
 
+LEAST_SEEN = 3
+"""Viewpoints that must see a point for it to count: what fewer of about 190 see, in a gap or behind an edge, is measured by luck."""
 MEASURED_M = 0.003  # a pixel whose depth is nearer to a point's than this has measured it
 OFF_SURFACE_M = 0.0002  # that rays end before a point, so that its own face does not hide it
 NEXT_BEST = "next_best"
@@ -57,7 +58,7 @@ class TrueSurface:
         for camera in viewpoints:
             counts += self.sees(camera)
         # What is nearer to the table than depth is exact cannot be told from it.
-        self.measurable = (counts >= MIN_IMAGES) & (self._points[:, 2] > MEASURED_M)
+        self.measurable = (counts >= LEAST_SEEN) & (self._points[:, 2] > MEASURED_M)
 
     def sees(self, camera: Camera) -> np.ndarray:
         """(P,) bool: the points that the sensor can measure from a camera, by its own rules and without its noise."""

@@ -20,8 +20,6 @@ COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_bl
 LARGEST_TEXTURE_COORDINATE = 1e4
 """Beyond 0 and 1 a texture repeats; so often it never does, and in float32 nothing of the place within the image would be left."""
 TEXTURE_REMARK = re.compile(r"texture_?(?:file|name)\s*[:=]?\s+(.+)", re.IGNORECASE)
-FULL_SCALE = {"B": 255, "H": 65535, "b": 255, "h": 255, "i": 255, "I": 255}
-"""The whole number of a full colour, by the code of its type."""
 
 
 def read_ply(path: Path) -> Mesh:
@@ -225,10 +223,13 @@ def _colors(element: Element) -> np.ndarray | None:
         values = _stack(element.columns, names)
         if values is not None and len(values):
             values = np.nan_to_num(values)
-            full = FULL_SCALE.get(element.code_of(names[0]), 1 if values.max() <= 1 else 255)
-            if full == 65535 and values.max() <= 255:
-                full = 255
-            if element.code_of(names[0]) == "b":  # bytes that a program declared as char
+            code = element.code_of(names[0])
+            if code == "b":  # bytes that a program declared as char
                 values = values % 256
+            full = 255
+            if code in "fd" and values.max() <= 1:
+                full = 1
+            elif code == "H" and values.max() > 255:
+                full = 65535
             return np.clip(np.rint(values * (255 / full)), 0, 255).astype(np.uint8)
     return None

@@ -67,14 +67,15 @@ def make_pinhole(lens: pycolmap.Camera, shown: np.ndarray | None = None) -> pyco
     return grown if _is_filled(lens, grown) else _make_camera(size, centre, size, focal)
 
 
-def make_pinholes(model: pycolmap.Reconstruction, image_set: ImageSet) -> dict[int, pycolmap.Camera]:
-    """{camera id: pinhole camera} of the lenses of a model, that show the object of all its images where they can."""
+def make_views(model: pycolmap.Reconstruction, image_set: ImageSet) -> dict[int, PinholeView]:
+    """{camera id: view} of the lenses of a model, by pinhole cameras that show the object of all its images where they can."""
     places: dict[int, list[np.ndarray]] = {camera_id: [] for camera_id in model.cameras}
     if any(_measure_room(lens).max() > 1 for lens in model.cameras.values()):
         for camera_id, found in _find_outlines(model, image_set) if image_set.masks else _find_common_points(model):
             places[camera_id].append(found)
     return {
-        camera_id: make_pinhole(lens, np.concatenate([np.zeros((0, 2)), *places[camera_id]])) for camera_id, lens in model.cameras.items()
+        camera_id: make_view(lens, make_pinhole(lens, np.concatenate([np.zeros((0, 2)), *places[camera_id]])))
+        for camera_id, lens in model.cameras.items()
     }
 
 

@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.cameras.pinhole import Camera
+from zeroshop_steps.geometry.cameras.pinhole import Camera, to_matrix
 from zeroshop_steps.geometry.cameras.sparse_files import write_reconstruction
 from zeroshop_steps.geometry.imaging.images import read_image, read_mask, write_image, write_mask
 from zeroshop_steps.register.scene.image_set import ImageSet
-from zeroshop_steps.register.scene.pinhole_view import PinholeView, describe_hidden, make_pinholes, make_view, measure_hidden, measure_view
+from zeroshop_steps.register.scene.pinhole_view import PinholeView, describe_hidden, make_view, make_views, measure_hidden, measure_view
 from zeroshop_steps.register.scene.record import Evidence
 from zeroshop_steps.runtime.errors import StepError
 
@@ -32,7 +32,7 @@ def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) ->
         pinhole cameras do not show all of the object: `lens`, that of all images, or None if there are several; then `lenses` has
         that of each image, by its stem.
     """
-    views = {camera_id: make_view(model.cameras[camera_id], camera) for camera_id, camera in make_pinholes(model, image_set).items()}
+    views = make_views(model, image_set)
     files = {path.name: path for path in image_set.images}
     masks = dict(zip(image_set.names, image_set.masks or (), strict=image_set.masks is not None))
     pinhole_model = pycolmap.Reconstruction()
@@ -98,14 +98,13 @@ def undistort_masks(model: pycolmap.Reconstruction, image_set: ImageSet) -> tupl
     """
     if image_set.masks is None:
         raise StepError("a whole scene has no masks to undistort")
-    views = {camera_id: make_view(model.cameras[camera_id], camera) for camera_id, camera in make_pinholes(model, image_set).items()}
+    views = make_views(model, image_set)
     masks = dict(zip(image_set.names, image_set.masks, strict=True))
     cameras, undistorted = [], {}
     for image in sorted((model.images[image_id] for image_id in model.reg_image_ids()), key=lambda image: image.name):
         pinhole = views[image.camera_id].camera
-        camera_from_world = np.eye(4)
-        camera_from_world[:3] = image.cam_from_world().matrix()
-        cameras.append(Camera(image.name, pinhole.width, pinhole.height, np.array(pinhole.calibration_matrix()), camera_from_world))
+        pose = to_matrix(image.cam_from_world())
+        cameras.append(Camera(image.name, pinhole.width, pinhole.height, np.array(pinhole.calibration_matrix()), pose))
         undistorted[image.name] = _remap_mask(read_mask(masks[image.name]), views[image.camera_id])
     return cameras, undistorted
 

@@ -7,7 +7,6 @@ tell this amount.
 
 import cv2
 import numpy as np
-from scipy.stats import trim_mean
 
 from zeroshop_steps.geometry.meshes.meshlab import VOXEL_STEPS, from_meshlab, smooth_taubin, to_meshlab
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
@@ -38,8 +37,9 @@ def measure_gap_to_masks(mesh: Mesh, views: list[TrainingView], inside_px: list[
         silhouette = (depth > 0).astype(np.uint8)
         contour = silhouette > cv2.erode(silhouette, CROSS, borderType=cv2.BORDER_CONSTANT, borderValue=1)
         gaps.append(inside[contour] * depth[contour] / view.camera.intrinsics[0, 0])
-    found = np.concatenate(gaps)
-    return float(trim_mean(found, TRIMMED_SHARE)) if len(found) else 0.0
+    ordered = np.sort(np.concatenate(gaps))  # as SciPy's trim_mean, whose module takes 0.3 s to import
+    ends = int(TRIMMED_SHARE * len(ordered))
+    return float(ordered[ends : len(ordered) - ends].mean()) if len(ordered) else 0.0
 
 
 def measure_inside(mask: np.ndarray) -> np.ndarray:
