@@ -67,6 +67,17 @@ def test_tags_that_count_pixels_follow_a_photo_that_is_reduced(shoot):
     assert (details[0xA002], details[0xA003]) == (WIDTH, HEIGHT // 2)
 
 
+def test_gif_photos_are_read_and_films_among_them_are_not(shoot, capsys):
+    with Image.open(shoot.image(2)) as photo, Image.open(shoot.image(3)) as other:
+        photo.save(shoot.image(2).with_suffix(".gif"))
+        photo.save(shoot.images / "z.gif", save_all=True, append_images=[other])
+    shoot.image(2).unlink()
+    import_photos(shoot.images, None, 8, shoot.out)
+    names = read_json(shoot.out / "capture.json")["source_names"]
+    assert names[2] == "IMG_0002.gif" and "z.gif" not in names
+    assert "z.gif is a film of 2 pictures; give it alone" in capsys.readouterr().err
+
+
 def test_heic_photos_are_converted_upright_with_their_exif(shoot):
     (shoot.images / "IMG_0002.HEIC").write_bytes((Path(__file__).parent / "data" / "turned.heic").read_bytes())
     shoot.image(2).unlink()

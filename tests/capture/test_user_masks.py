@@ -142,6 +142,8 @@ MASKS = {
     "a coloured background": (as_palette([0, 90, 0, 90, 0, 90]), "palettes, index 0 the background"),
     "red on black": (as_colors((0, 0, 0), (255, 0, 0)), ""),
     "two colours": (as_colors((68, 1, 84), (253, 231, 36)), "level 253 on the object"),
+    "two colours of equal brightness": (as_colors((255, 0, 0), (0, 250, 0)), "colours of equal brightness, the one at the border"),
+    "red on white": (as_colors((255, 255, 255), (255, 0, 0)), "colours of equal brightness, the one at the border"),
     "labels": (as_labels, "levels above 0.5 on the object"),
     "a soft edge": (as_soft, ""),
 }
@@ -157,6 +159,24 @@ def test_masks_of_any_two_levels_are_taken(shoot, kind, capsys):
     assert taken(shoot) > 0.92
     told = capsys.readouterr().err
     assert (f"9 of 9 masks are taken as {said}" in told) if said else ("masks are taken as" not in told)
+
+
+@pytest.mark.parametrize(("on", "kind"), [(1, bool), (1, np.uint8), (255, np.uint8)])
+def test_masks_are_arrays_of_numpy(shoot, on, kind):
+    for index in range(9):
+        shoot.mask(index).unlink()
+        np.save(shoot.mask(index).with_suffix(".npy"), np.where(shoot.disk(), on, 0).astype(kind))
+    assert taken(shoot) > 0.99
+
+
+def test_arrays_of_other_shapes_and_broken_ones_are_named(shoot):
+    np.save(shoot.mask(0).with_suffix(".npy"), np.zeros((1, HEIGHT, WIDTH)))
+    shoot.mask(1).with_suffix(".npy").write_bytes(b"")
+    for index in range(2):
+        shoot.mask(index).unlink()
+    message = shoot.refused()
+    assert f"000.npy has the shape (1, {HEIGHT}, {WIDTH}) and the type float64; it must be (height, width)" in message
+    assert "001.npy cannot be read as an array of NumPy" in message
 
 
 def test_dim_masks_that_were_compressed_are_taken(shoot, capsys):

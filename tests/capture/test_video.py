@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from zeroshop_steps.capture import video
 from zeroshop_steps.capture.video import choose_frames, extract_frames, read_frames, scan_video
@@ -186,6 +187,12 @@ def test_a_real_film_with_one_frame_less_than_counted_is_taken_in_silence(shared
 def test_films_of_phones_and_camcorders_are_read(tmp_path, suffix):
     path = film(tmp_path / f"film{suffix}", np.linspace(0, 300, 20))
     assert len(scan_video(path).changes) == 20
+
+
+def test_an_animated_gif_is_a_film(tmp_path):
+    frames = [Image.fromarray(frame) for frame in read_frames(film(tmp_path / "film.avi", np.linspace(0, 300, 12)))]
+    frames[0].save(tmp_path / "film.gif", save_all=True, append_images=frames[1:], duration=40)
+    assert len(scan_video(tmp_path / "film.gif").changes) == 12
 
 
 def test_cuts_of_a_film_are_found(tmp_path):

@@ -78,7 +78,11 @@ def test_parts_with_and_without_texture_share_one_image(tmp_path: Path) -> None:
 SQUARE = "v 0 0 0\nv 90 0 0\nv 90 90 0\nvt 0 0\nvt 1 0\nvt 1 1\n{}f 1/1 2/2 3/3\n"
 
 
-@pytest.mark.parametrize("line", ["map_Kd t.png", "map_Kd -clamp on T.PNG", "map_Kd -s 1 1 1 -o 0.0 0.0 t.png", r"map_Kd .\t.png"])
+@pytest.mark.parametrize(
+    "line",
+    ["map_Kd t.png", "map_Kd -clamp on T.PNG", "map_Kd -s 1 1 1 -o 0.0 0.0 t.png", r"map_Kd .\t.png", "map_Ka t.png",
+     "map_Ka none.png\nmap_Kd t.png"],
+)  # fmt: skip
 def test_a_texture_of_mtl_is_named_in_many_ways(tmp_path: Path, line: str) -> None:
     Image.new("RGB", (8, 8), (200, 100, 50)).save(tmp_path / "t.png")
     (tmp_path / "a.mtl").write_text(f"newmtl x\nKd 0 0 0\n{line}\n")

@@ -1,7 +1,7 @@
 """Read a mask of the user whatever its values: a cut-out, a palette, two levels of any brightness, or a soft edge between them."""
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,7 +38,7 @@ class UserMask:
 def are_drawn_upright(masks: Mapping[Path, Path]) -> bool:
     """Whether masks, by their photos, are drawn on photos as they are shown: by those whose photo was turned to its side, which shows."""
     for photo, mask in masks.items():
-        with contextlib.suppress(StepError), open_picture(photo) as image, open_picture(mask) as drawn:
+        with contextlib.suppress(StepError), open_picture(photo) as image, _open_mask(mask) as drawn:
             turned = image.getexif().get(ExifTags.Base.Orientation) in TRANSPOSED and ExifTags.Base.Orientation not in drawn.getexif()
             if turned and _agree(drawn.size, image.size[::-1]) and not _agree(drawn.size, image.size):
                 return True
@@ -55,11 +55,27 @@ def read_user_mask(path: Path, photo_path: Path, photo: PhotoPixels, upright: bo
     Raises:
         StepError: it cannot be read, has the wrong size, or shows nothing or neither of two levels.
     """
-    with open_picture(path) as image:
+    with _open_mask(path) as image:
         mask, kind = _find_object(image, path, photo_path)
         own_orientation = int(image.getexif().get(ExifTags.Base.Orientation, UPRIGHT))
     mask, scaled = _fit(mask, own_orientation, path, photo_path, photo, upright)
     return UserMask(path, mask, ", ".join(filter(None, (kind, scaled))))
+
+
+@contextlib.contextmanager
+def _open_mask(path: Path) -> Iterator[Image.Image]:
+    """Open a picture, or the bool or uint8 (H, W) array of a file by NumPy as one."""
+    if path.suffix.lower() != ".npy":
+        with open_picture(path) as image:
+            yield image
+        return
+    try:
+        array = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise StepError(f"mask {path} cannot be read as an array of NumPy ({error}); save it again with numpy.save, or as PNG") from None
+    if array.ndim != 2 or array.dtype not in (bool, np.uint8):
+        raise StepError(f"mask {path} has the shape {array.shape} and the type {array.dtype}; it must be (height, width), bool or uint8")
+    yield Image.fromarray(array)
 
 
 def _find_object(image: Image.Image, path: Path, photo_path: Path) -> tuple[np.ndarray, str]:
@@ -84,8 +100,20 @@ def _find_object(image: Image.Image, path: Path, photo_path: Path) -> tuple[np.n
     pixels = np.asarray(image.convert("RGB") if image.mode in ("CMYK", "YCbCr", "LAB", "HSV") else image)
     if pixels.ndim == 3:
         # A colour is bright in one channel; that of an alpha channel, which says nothing here, does not count.
-        pixels = pixels[..., : 1 if pixels.shape[2] == 2 else 3].max(2)
+        colors = pixels[..., : 1 if pixels.shape[2] == 2 else 3]
+        pixels = colors.max(2)
+        if 2 * int(pixels.min()) >= int(pixels.max()) > 0 and (marked := _part_by_place(colors)) is not None:
+            return marked, "colours of equal brightness, the one at the border the background"
     return _part(pixels, path, image.format in LOSSLESS)
+
+
+def _part_by_place(colors: np.ndarray) -> np.ndarray | None:
+    """(H, W) bool: what has not the usual colour of the border, in an (H, W, C) picture of few colours; None in another picture."""
+    codes = (colors.astype(np.int32) << 8 * np.arange(colors.shape[2])).sum(2)
+    found, counts = np.unique(np.concatenate([codes[[0, -1]].ravel(), codes[:, [0, -1]].ravel()]), return_counts=True)
+    marked: np.ndarray = codes != found[counts.argmax()]
+    grey = (colors == colors[..., :1]).all()
+    return marked if not grey and marked.any() and len(np.unique(codes[marked])) < FEW_LEVELS else None
 
 
 def _part(levels: np.ndarray, path: Path, lossless: bool) -> tuple[np.ndarray, str]:

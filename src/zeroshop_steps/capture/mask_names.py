@@ -11,7 +11,7 @@ from zeroshop_steps.geometry.imaging.image_files import check_folder, list_folde
 from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES
 from zeroshop_steps.runtime.errors import StepError
 
-MASK_SUFFIXES = (*IMAGE_SUFFIXES, *CONVERTED_SUFFIXES, ".gif")
+MASK_SUFFIXES = (*IMAGE_SUFFIXES, *CONVERTED_SUFFIXES, ".npy")
 EXAMPLES = ("{stem}.png", "{name}.png", "{stem}_mask.png", "{stem}.mask.png", "mask_{stem}.png")
 WORD = "mask"
 LEAST_ALIKE = 2  # masks that a scheme other than x.png must name; a single name may look like a photo's by chance

@@ -16,9 +16,9 @@ from zeroshop_steps.geometry.imaging.image_files import FORMATS, check_kind, che
 from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES
 from zeroshop_steps.runtime.errors import StepError, remedy_for
 
-CONVERTED_SUFFIXES = (".jfif", ".jpe", ".mpo", ".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".bmp")
+CONVERTED_SUFFIXES = (".jfif", ".jpe", ".mpo", ".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".bmp", ".gif")
 """Names and formats that Pillow and pi-heif read; they are renamed or converted, because later steps read PNG and JPEG alone."""
-UNREADABLE_SUFFIXES = (".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".raw")
+UNREADABLE_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".raw")
 LOSSLESS_SUFFIXES = (".png", ".bmp")
 MAX_SIDE_PX = 3072  # finer photos do not make a finer surface, which is estimated from images of 1000 px, and hardly a finer texture
 MOST_PIXELS = 250_000_000
@@ -99,6 +99,8 @@ def read_photo(path: Path, max_side_px: int) -> PhotoPixels:
         stored_px, stored_as = image.size, str(image.format)
         quantization = tuple(next(iter(image.quantization.values()), ())) if isinstance(image, JpegImageFile) else ()
         check_size(path, stored_px)
+        if stored_as in ("GIF", "WEBP") and getattr(image, "is_animated", False):
+            raise StepError(f"image {path} is a film of {getattr(image, 'n_frames', 2)} pictures; give it alone, as GIF, or take it out")
         if image.mode == "F":
             raise StepError(
                 f"image {path} has floating-point pixels, whose range of brightness it does not say; export it again as JPEG or PNG"

@@ -27,6 +27,8 @@ READABLE = ("KHR_materials_", "KHR_lights_", "KHR_xmp", "KHR_texture_basisu", "E
 TEXTURE_OPTIONS = re.compile(r"(-(clamp|blend[uv]|cc) (on|off) +|-(bm|boost|texres|imfchan) \S+ +|-s( 1(\.0*)?)+ +|-[ot]( 0(\.0*)?)+ +)+")
 """Options of a texture in MTL that leave it where it is; with others, such as a scale, its line names no file."""
 
+DIFFUSE, AMBIENT = (re.compile(rb"(?im)^[ \t]*map_K%c\b" % letter) for letter in b"da")
+
 
 def read_mesh(path: Path) -> Mesh:
     """Read a mesh of any format in `SUFFIXES` in the file's own frame; OBJ and glTF in metres become millimetres, with a warning.
@@ -154,7 +156,11 @@ class _FolderFiles(Mapping):
             if not found.is_file():
                 raise StepError(f"mesh {self.path} names {text}, but {found} does not exist; put it there, or remove that line")
             content = found.read_bytes()
-            if found.suffix.lower() not in (".mtl", ".bin"):
+            if found.suffix.lower() == ".mtl":
+                # A texture of ambient light alone is the only one; of both, that of diffuse light is used.
+                parts = re.split(rb"(?im)^(?=\s*newmtl\b)", content)
+                return b"".join(part if DIFFUSE.search(part) else AMBIENT.sub(b"map_Kd", part) for part in parts)
+            if found.suffix.lower() != ".bin":
                 _check_texture(self.path, found, content)
         except StepError as error:
             self.refused.append(error)
