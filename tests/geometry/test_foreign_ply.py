@@ -125,6 +125,7 @@ def test_several_textures_become_one(tmp_path: Path) -> None:
     [
         ("uchar red,uchar green,uchar blue,uchar alpha", [*RED, 255]),
         ("uchar diffuse_red,uchar diffuse_green,uchar diffuse_blue", RED),
+        ("uchar ambient_red,uchar ambient_green,uchar ambient_blue", RED),
         ("float red,float green,float blue", [value / 255 for value in RED]),
         ("float red,float green,float blue", [float(value) for value in RED]),
         ("ushort red,ushort green,ushort blue", [value * 257 for value in RED]),

@@ -117,6 +117,34 @@ def test_what_a_folder_holds_instead_is_told(tmp_path: Path) -> None:
     assert describe_others(tmp_path) == "it holds cup.ply, obj_000001.3mf"
 
 
+@pytest.mark.parametrize("full", [1, 255])
+def test_colours_of_obj_are_shares_or_bytes(tmp_path: Path, full: int) -> None:
+    rows = "".join(f"v {x} {y} 0 {full} {0.4 * full} 0\n" for x, y in ((0, 0), (90, 0), (0, 90)))
+    (tmp_path / "a.obj").write_text(rows + "f 1 2 3\n")
+    assert (read_mesh(tmp_path / "a.obj").colors == (255, 102, 0)).all()
+
+
+def test_a_surface_that_glows_has_that_colour(tmp_path: Path) -> None:
+    box = trimesh.creation.box((90, 60, 120))
+    material = trimesh.visual.material.PBRMaterial(
+        emissiveTexture=Image.new("RGB", (8, 8), (200, 100, 50)), emissiveFactor=[1, 1, 1], baseColorFactor=[0, 0, 0, 255]
+    )
+    box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 2)), material=material)
+    box.export(tmp_path / "a.glb")
+    assert (read_mesh(tmp_path / "a.glb").texture == (200, 100, 50)).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [("a.obj", b"ply\n", r"a\.obj is no OBJ; .* PLY: name it \.ply"), ("a.ply", b"version https://git-lfs.github.com/spec", "git lfs pull"),
+     ("a.ply", b"PK\x03\x04", "an archive: unpack it"), ("a.obj", b"glTF\2", r"name it \.glb")],
+)  # fmt: skip
+def test_a_file_of_another_kind_is_told(tmp_path: Path, name: str, content: bytes, says: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(StepError, match=says):
+        read_mesh(tmp_path / name)
+
+
 @pytest.mark.parametrize("lines", ["", "usemtl x\n", "mtllib a.mtl\n", "mtllib a.mtl\nusemtl y\n"])
 def test_faces_of_no_known_material_are_plain_and_told(tmp_path: Path, lines: str, capsys: pytest.CaptureFixture[str]) -> None:
     Image.new("RGB", (8, 8)).save(tmp_path / "t.png")

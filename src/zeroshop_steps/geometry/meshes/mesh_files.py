@@ -27,6 +27,8 @@ READABLE = ("KHR_materials_", "KHR_lights_", "KHR_xmp", "KHR_texture_basisu", "E
 TEXTURE_OPTIONS = re.compile(r"(-(clamp|blend[uv]|cc) (on|off) +|-(bm|boost|texres|imfchan) \S+ +|-s( 1(\.0*)?)+ +|-[ot]( 0(\.0*)?)+ +)+")
 """Options of a texture in MTL that leave it where it is; with others, such as a scale, its line names no file."""
 
+VERTEX_COLOR = re.compile(rb"(?m)^(v(?:[ \t]+\S+){3})[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t]*\r?$")
+"""A line of OBJ with a colour behind the place."""
 DIFFUSE, AMBIENT = (re.compile(rb"(?im)^[ \t]*map_K%c\b" % letter) for letter in b"da")
 
 
@@ -112,8 +114,13 @@ def _read_parts(path: Path) -> list[SurfacePart]:
 
     files = _FolderFiles(path)
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # what matters of its complaints is raised here
-    with path.open("rb") as content:
-        scene = trimesh.load_scene(content, file_type=path.suffix[1:].lower(), resolver=files, process=False, group_material=True)
+    content = path.read_bytes()
+    if path.suffix.lower() == ".obj":
+        content = _scale_colors(content)
+    if path.suffix.lower() == ".off" and content[:4] in (b"COFF", b"CNOF"):
+        warn(f"mesh {path} has colours, which are not read of OFF, and is used without them; export it as PLY")
+    kind = path.suffix[1:].lower()
+    scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=files, process=False, group_material=True)
     if files.refused:
         raise files.refused[0]
     parts = [_to_part(one) for one in scene.dump() if isinstance(one, trimesh.Trimesh) and len(one.faces)]
@@ -122,6 +129,14 @@ def _read_parts(path: Path) -> list[SurfacePart]:
     if not all(np.isfinite(part.surface.vertices).all() for part in parts):
         raise StepError(f"mesh {path} is damaged: it has vertices that are not finite; export it again")
     return parts
+
+
+def _scale_colors(content: bytes) -> bytes:
+    """An OBJ with colours at vertices from 0 to 1, as trimesh expects them, where they are from 0 to 255."""
+    found = [float(value) for line in VERTEX_COLOR.findall(content) for value in line[1:]]
+    if max(found, default=0.0) <= 1:
+        return content
+    return VERTEX_COLOR.sub(lambda line: b"%s %f %f %f" % (line[1], *(float(line[index]) / 255 for index in (2, 3, 4))), content)
 
 
 class _FolderFiles(Mapping):
@@ -195,8 +210,11 @@ def _to_part(loaded: Any) -> SurfacePart:
         # What trimesh makes up for faces whose material is not named, or not there.
         return SurfacePart(replace(surface, uv=np.asarray(visual.uv, float)[:, :2]))
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    glow = getattr(material, "emissiveTexture", None)
     factor = next((found for name in ("baseColorFactor", "diffuse") if (found := getattr(material, name, None)) is not None), None)
     tint = np.ones(3) if factor is None else np.asarray(factor, float)[:3] / (255.0 if np.asarray(factor).dtype.kind in "iu" else 1.0)
+    if image is None and glow is not None:  # a surface that glows has no other colour
+        image, tint = glow, np.ones(3)
     if image is not None and visual.uv is not None:
         texture = np.asarray(image.convert("RGB"))
         # The diffuse colour of MTL is often left black beside a texture; glTF's factor multiplies it.
