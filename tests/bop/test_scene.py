@@ -86,6 +86,23 @@ def test_a_bad_scene_is_refused(dataset, name):
     assert file in str(error.value)
 
 
+def test_zeros_before_numbers_and_rows_of_matrices_do_not_matter(dataset):
+    def as_others(content):
+        for entry in [one for found in content.values() for one in (found if isinstance(found, list) else [found])]:
+            for key in {"cam_K", "cam_R_m2c"} & set(entry):
+                entry[key] = np.reshape(entry[key], (3, 3)).tolist()
+        return {f"{int(number):06d}": found for number, found in content.items()}
+
+    for name in ("scene_camera.json", "scene_gt.json"):
+        changed(dataset.scenes / "000001" / name, as_others)
+    for path in sorted((dataset.scenes / "000001").glob("*/*.png")):
+        path.rename(path.with_stem("_".join(str(int(number)) for number in path.stem.split("_"))))
+    frame, before = dataset_in(dataset.folder).frames[1, 1], dataset.frames[1, 1]
+    np.testing.assert_array_equal(frame.intrinsics, before.intrinsics)
+    np.testing.assert_array_equal(frame.instances[2].camera_from_model, before.instances[2].camera_from_model)
+    assert (frame.mask(2).sum(), frame.has_depth) == (frame.instances[2].info["px_count_visib"], True)
+
+
 def test_missing_depth_is_named(dataset):
     shutil.rmtree(dataset.scenes / "000001" / "depth")
     with pytest.raises(StepError, match="has no image 000000 .* leave vsd out"):

@@ -45,11 +45,20 @@ def one_inverted(folder: Path) -> int:
     return masks_as("{stem}.png", lambda photo: (DISK if photo.stem != "3" else ~DISK).astype(np.uint8) * 255)(folder)
 
 
+def masks_of_lfs(folder: Path) -> int:
+    """Masks of a repository that was cloned without its large files."""
+    photos = take_photos(folder)
+    (folder / "masks").mkdir()
+    for photo in photos.iterdir():
+        (folder / f"masks/{photo.stem}.png").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n")
+    return step("capture", "photos", images=photos, masks=folder / "masks", out=folder / "capture")
+
+
 def arrays_as_masks(folder: Path) -> int:
-    """Masks as NumPy's arrays, and a folder of more."""
+    """Masks as archives of NumPy's arrays, and a folder of more."""
     photos = take_photos(folder)
     (folder / "masks/more").mkdir(parents=True)
-    np.save(folder / "masks/0.npy", DISK)
+    np.savez(folder / "masks/0.npz", DISK)
     return step("capture", "photos", images=photos, masks=folder / "masks", out=folder / "capture")
 
 
@@ -67,6 +76,7 @@ def inverted_palette(folder: Path) -> int:
 POLARITY = ("seem inverted", r"white \(255\) on the object and black \(0\) elsewhere", "invert them")
 FAULTS = [
     Fault("inverted masks", masks_as("{stem}.png", lambda photo: (~DISK).astype(np.uint8) * 255), ("masks", *POLARITY)),
+    Fault("masks that Git LFS has not fetched", masks_of_lfs, (r"3\.png is a pointer of Git LFS", "git lfs pull")),
     Fault("inverted palettes", inverted_palette, ("8 of 8 photos", *POLARITY)),
     Fault(
         "masks of other names",
@@ -86,7 +96,7 @@ FAULTS = [
     Fault(
         "arrays as masks",
         arrays_as_masks,
-        ("holds no pictures, which masks are", r"it holds 0\.npy, more/;", r"expected for 0\.jpg one of 0\.png"),
+        ("holds no pictures, which masks are", r"it holds 0\.npz, more/;", r"expected for 0\.jpg one of 0\.png"),
     ),
     Fault("one mask is missing", one_without, (r"7\.jpg has no mask", r"named for it as 0\.jpg\.png is for 0\.jpg", "draw one")),
     Fault(

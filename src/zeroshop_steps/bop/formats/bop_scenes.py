@@ -81,10 +81,13 @@ class Frame:
         if place.is_file():
             raise StepError(f"{place} is a file, not a folder of images, such as a link that was copied as text; put the folder there")
         stem = f"{self.image_id:06d}" + ("" if instance is None else f"_{instance:06d}")
-        found = (place / f"{stem}{suffix}" for suffix in IMAGE_SUFFIXES)
-        path = next((path for path in found if path.is_file()), None)
-        if path is None and (others := sorted(place.glob(f"{stem}.*"))):
-            raise StepError(f"image {others[0]} is of a format that is not read here; export it as {', '.join(IMAGE_SUFFIXES)}")
+        found = [place / f"{stem}{suffix}" for suffix in IMAGE_SUFFIXES if (place / f"{stem}{suffix}").is_file()]
+        if not found:  # other programs write other zeros before the numbers
+            same = re.compile("_".join(f"0*{number}" for number in (self.image_id, instance) if number is not None))
+            found = sorted(path for path in place.glob("*.*") if same.fullmatch(path.stem))
+        path = next((path for path in found if path.suffix in IMAGE_SUFFIXES), None)
+        if path is None and found:
+            raise StepError(f"image {found[0]} is of a format that is not read here; export it as {', '.join(IMAGE_SUFFIXES)}")
         return path
 
     def photo_path(self) -> Path:

@@ -61,7 +61,7 @@ def read_models_info(folder: Path) -> dict[str, dict]:
     files = [] if path.is_file() else list_model_files(folder)
     if files:
         return _describe_files(path, tuple((file, file.stat().st_mtime_ns) for file in files))
-    return {str(int(key)): info for key, info in read_validated(path, "models_info").items()}
+    return read_validated(path, "models_info")
 
 
 def list_model_files(folder: Path) -> list[Path]:

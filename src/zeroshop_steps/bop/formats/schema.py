@@ -19,9 +19,20 @@ def read_validated(path: Path, kind: str) -> Any:
     Raises:
         StepError: the file is missing or damaged, an entry has the wrong form, or a number is not finite.
     """
-    content = read_content(path)
+    content = _as_official(read_content(path))
     check_content(path, content, kind)
     return content
+
+
+def _as_official(content: Any, key: str = "") -> Any:
+    """Content as the official loader takes it: numbers of images may have zeros before them, and matrices of a camera may be rows."""
+    if isinstance(content, dict):
+        return {str(int(name)) if name.isdecimal() else name: _as_official(value, name) for name, value in content.items()}
+    if not isinstance(content, list):
+        return content
+    if key.startswith("cam_") and all(isinstance(row, list) for row in content):
+        return [number for row in content for number in row]
+    return [_as_official(one) for one in content]
 
 
 def read_content(path: Path) -> Any:

@@ -1,5 +1,6 @@
 """Which files can be photos: seen from their names and first bytes, before anything reads all of them."""
 
+import contextlib
 import os
 import warnings
 from pathlib import Path
@@ -10,6 +11,8 @@ from zeroshop_steps.runtime.errors import StepError, remedy_for
 
 FORMATS = ("JPEG", "PNG", "MPO")
 """As Pillow calls them; MPO is a JPEG with further pictures behind the first, as phones write it."""
+POINTER = b"version https://git-lfs"
+"""First bytes of a file in whose place Git LFS has the true one."""
 LEAST_SIDE_PX = 32
 """Of a photo: SIFT needs some room around a feature, and COLMAP ends without a word on 20 x 15 px."""
 
@@ -81,11 +84,14 @@ def check_size(path: Path, size_px: tuple[int, int]) -> None:
 
 
 def check_kind(path: Path) -> None:
-    """Raise StepError where a path is no file, or its name is no text."""
+    """Raise StepError where a path is no file, its name is no text, or it only points to the picture."""
     check_name(path)
     if not path.is_file():
         kind = "a folder" if path.is_dir() else "a link that leads nowhere" if path.is_symlink() else "no file"
         raise StepError(f"{path} is {kind}, not a photo; remove it, or put the photo itself there")
+    with contextlib.suppress(OSError), path.open("rb") as file:  # what may not be read is told where it is decoded
+        if file.read(len(POINTER)) == POINTER:
+            raise StepError(f"{path} is a pointer of Git LFS, not a photo; fetch the photo itself by git lfs pull")
 
 
 def is_text(name: str) -> bool:

@@ -136,7 +136,7 @@ def _scale_colors(content: bytes) -> bytes:
     found = [float(value) for line in VERTEX_COLOR.findall(content) for value in line[1:]]
     if max(found, default=0.0) <= 1:
         return content
-    return VERTEX_COLOR.sub(lambda line: b"%s %f %f %f" % (line[1], *(float(line[index]) / 255 for index in (2, 3, 4))), content)
+    return VERTEX_COLOR.sub(lambda line: b" ".join([line[1], *(b"%f" % (float(line[index]) / 255) for index in (2, 3, 4))]), content)
 
 
 class _FolderFiles(Mapping):
