@@ -1,5 +1,6 @@
 """Boards that people have already give the scale: grids of tags, tags of one size, a bar, and ChArUco boards of other programs."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -107,6 +108,14 @@ def test_a_charuco_board_of_another_program_gives_the_scale(tmp_path: Path, lega
     views = views_of(page, board)
     check_board_views(views, board, [], "the photos")
     assert fit_board(board, views).units_per_mm == pytest.approx(SCALE, rel=0.003)
+
+
+def test_numbers_of_other_programs_are_taken(tmp_path: Path) -> None:
+    kalibr = "target_type: 'aprilgrid'\ntagCols: 4\ntagRows: 3\ntagSize: 0.03\ntagSpacing: 0.3\ncodeOffset: 10\n"
+    assert read_board(describe(tmp_path, kalibr)).first_id == 10
+    charuco = read_board(describe(tmp_path, "kind: charuco\ndictionary: 4x4_50\ncolumns: 5.0\nrows: 7.0\nsquare_mm: 20\nmarker_mm: 15\n"))
+    assert charuco == replace(charuco, columns=5, rows=7) and isinstance(charuco.columns, int)
+    assert read_board("36h11: 50 mm").marker_mm == 50
 
 
 def test_our_boards_are_described_by_files() -> None:

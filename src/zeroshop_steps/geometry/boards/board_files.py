@@ -20,7 +20,7 @@ from zeroshop_steps.geometry.boards.printed_board import Board, TagBoard
 from zeroshop_steps.runtime.errors import StepError
 
 OWN = Path(__file__).parent
-OF_ONE_TAG = re.compile(r"(?P<dictionary>[\w]+):(?P<side>\d+(\.\d+)?)")
+OF_ONE_TAG = re.compile(r"(?P<dictionary>[\w]+):\s*(?P<side>\d+(\.\d+)?)(\s*mm)?")
 LENGTH_MM = {"type": "number", "minimum": 1, "maximum": 5000}
 COUNT = {"type": "integer", "minimum": 1, "maximum": 1000}
 NUMBER, SWITCH = {"type": "integer", "minimum": 0}, {"type": "boolean"}
@@ -73,6 +73,7 @@ def _from_kalibr(name: str, content: Any) -> Any:
         raise StepError(f"board {name} of Kalibr needs the numbers tagSize, in metres, and tagSpacing, in tag sizes; correct them")
     side_mm = 1000.0 * content["tagSize"]
     grid = {"kind": "grid", "dictionary": "36h11", "columns": content.get("tagCols"), "rows": content.get("tagRows"), "marker_mm": side_mm}
+    grid["first_id"] = content.get("codeOffset", 0)
     return grid | {"gap_mm": side_mm * content["tagSpacing"], "from_below": True, "border_cells": 2}
 
 
@@ -90,7 +91,8 @@ def _make(name: str, content: Any) -> Board | TagBoard:
             f"board {name} of kind {content['kind']}: {where}{error.message}; expected {', '.join(needed)}, in millimetres, and possibly"
             f" {', '.join(possible)}"
         )
-    values: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
+    whole = {key: int(value) if isinstance(value, float) and value.is_integer() else value for key, value in given.items()}  # 5.0 columns
+    values: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in whole.items()}
     dictionary = find_dictionary(name, str(content.get("dictionary", "")))
     count = len(cv2.aruco.getPredefinedDictionary(dictionary).bytesList)
     of_board = values.get("columns", 0) * values.get("rows", 0) // (2 if content["kind"] == "charuco" else 1)
