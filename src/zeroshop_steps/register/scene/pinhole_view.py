@@ -4,14 +4,12 @@ The pinhole has the lens's focal length and the photo's size. A wide lens sees f
 grows there, up to what the photo fills without an empty pixel. Without masks, the object is taken to be where all cameras look.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import pycolmap
-
-from zeroshop_steps.register.scene.image_set import ImageSet, read_masks
 
 MOST_GROWTH = 2.0  # of a side: farther out, a pinhole shows one pixel of the photo in more and more of its own (1 / cos^2 of the angle)
 RIM_SHARE = 0.01  # of a side, that lies about an object that is seen whole
@@ -67,11 +65,15 @@ def make_pinhole(lens: pycolmap.Camera, shown: np.ndarray | None = None) -> pyco
     return grown if _is_filled(lens, grown) else _make_camera(size, centre, size, focal)
 
 
-def make_views(model: pycolmap.Reconstruction, image_set: ImageSet) -> dict[int, PinholeView]:
-    """{camera id: view} of the lenses of a model, by pinhole cameras that show the object of all its images where they can."""
+def make_views(model: pycolmap.Reconstruction, masks: Mapping[str, np.ndarray]) -> dict[int, PinholeView]:
+    """{camera id: view} of the lenses of a model, by pinhole cameras that show the object of all its images where they can.
+
+    Args:
+        masks: (height, width) bool by the images' names; empty for a whole scene.
+    """
     places: dict[int, list[np.ndarray]] = {camera_id: [] for camera_id in model.cameras}
     if any(_measure_room(lens).max() > 1 for lens in model.cameras.values()):
-        for camera_id, found in _find_outlines(model, image_set) if image_set.masks else _find_common_points(model):
+        for camera_id, found in _find_outlines(model, masks) if masks else _find_common_points(model):
             places[camera_id].append(found)
     return {
         camera_id: make_view(lens, make_pinhole(lens, np.concatenate([np.zeros((0, 2)), *places[camera_id]])))
@@ -171,9 +173,8 @@ def _trace(mask: np.ndarray) -> np.ndarray:
     return np.concatenate([np.zeros((0, 2)), *(outline[:, 0] + 0.5 for outline in outlines)])
 
 
-def _find_outlines(model: pycolmap.Reconstruction, image_set: ImageSet) -> Iterable[tuple[int, np.ndarray]]:
+def _find_outlines(model: pycolmap.Reconstruction, masks: Mapping[str, np.ndarray]) -> Iterable[tuple[int, np.ndarray]]:
     """(camera id, outline) of each registered image with a mask."""
-    masks = read_masks(image_set)
     images = [model.images[image_id] for image_id in model.reg_image_ids()]
     return [(image.camera_id, _trace(masks[image.name])) for image in images if image.name in masks]
 

@@ -9,11 +9,10 @@ import pycolmap
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera, to_matrix
 from zeroshop_steps.geometry.cameras.sparse_files import write_reconstruction
-from zeroshop_steps.geometry.imaging.images import read_image, read_mask, write_image, write_mask
-from zeroshop_steps.register.scene.image_set import ImageSet
+from zeroshop_steps.geometry.imaging.images import read_image, write_image, write_mask
+from zeroshop_steps.register.scene.image_set import ImageSet, read_masks
 from zeroshop_steps.register.scene.pinhole_view import PinholeView, describe_hidden, make_view, make_views, measure_hidden, measure_view
 from zeroshop_steps.register.scene.record import Evidence
-from zeroshop_steps.runtime.errors import StepError
 
 
 def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) -> tuple[pycolmap.Reconstruction, Evidence]:
@@ -32,9 +31,9 @@ def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) ->
         pinhole cameras do not show all of the object: `lens`, that of all images, or None if there are several; then `lenses` has
         that of each image, by its stem.
     """
-    views = make_views(model, image_set)
+    masks = read_masks(image_set) if image_set.masks else {}
+    views = make_views(model, masks)
     files = {path.name: path for path in image_set.images}
-    masks = dict(zip(image_set.names, image_set.masks or (), strict=image_set.masks is not None))
     pinhole_model = pycolmap.Reconstruction()
     hidden: dict[str, float] = {}
     for camera_id, view in sorted(views.items()):
@@ -47,9 +46,8 @@ def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) ->
         pixels = view.remap(read_image(image_file), cv2.INTER_CUBIC, cv2.BORDER_REPLICATE)
         write_image(out / "images" / f"{image_file.stem}.png", pixels)
         if image.name in masks:
-            mask = read_mask(masks[image.name])
-            hidden[image_set.shown[image.name]] = measure_hidden(lens, pinhole, mask)
-            write_mask(out / "masks" / f"{image_file.stem}.png", _remap_mask(mask, view))
+            hidden[image_set.shown[image.name]] = measure_hidden(lens, pinhole, masks[image.name])
+            write_mask(out / "masks" / f"{image_file.stem}.png", _remap_mask(masks[image.name], view))
         points = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
         rays = lens.cam_from_img(points)
         points = rays * [pinhole.focal_length_x, pinhole.focal_length_y] + [pinhole.principal_point_x, pinhole.principal_point_y]
@@ -96,16 +94,14 @@ def undistort_masks(model: pycolmap.Reconstruction, image_set: ImageSet) -> tupl
     Raises:
         StepError: there are no masks.
     """
-    if image_set.masks is None:
-        raise StepError("a whole scene has no masks to undistort")
-    views = make_views(model, image_set)
-    masks = dict(zip(image_set.names, image_set.masks, strict=True))
+    masks = read_masks(image_set)
+    views = make_views(model, masks)
     cameras, undistorted = [], {}
     for image in sorted((model.images[image_id] for image_id in model.reg_image_ids()), key=lambda image: image.name):
         pinhole = views[image.camera_id].camera
         pose = to_matrix(image.cam_from_world())
         cameras.append(Camera(image.name, pinhole.width, pinhole.height, np.array(pinhole.calibration_matrix()), pose))
-        undistorted[image.name] = _remap_mask(read_mask(masks[image.name]), views[image.camera_id])
+        undistorted[image.name] = _remap_mask(masks[image.name], views[image.camera_id])
     return cameras, undistorted
 
 
