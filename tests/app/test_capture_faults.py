@@ -1,5 +1,7 @@
 """Films and photos that show one side alone, a thing that moves, or a thing that is cut off; and those that only seem to."""
 
+import functools
+
 import cv2
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from zeroshop_steps.geometry.cameras.viewpoints import look_at
 SIZE = (480, 360)
 
 
+@functools.cache
 def print_of(seed, side=900, cell=6):
     """A texture as of a newspaper."""
     cells = np.random.default_rng(seed).integers(0, 255, (side // cell, side // cell, 3), dtype=np.uint8)

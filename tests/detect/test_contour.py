@@ -1,17 +1,22 @@
 """The contour detector finds the objects and nothing else, and says what is wrong with its input."""
 
+import argparse
 import json
 import re
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 
 from helpers.painted_scene import CAN, CARTON, detect
+from zeroshop_steps.bop.formats.bop_scenes import read_scene
 from zeroshop_steps.bop.formats.detections import decode_mask, read_detections
-from zeroshop_steps.detect.contour import discount_explained
+from zeroshop_steps.bop.formats.models import read_models
+from zeroshop_steps.detect.contour import discount_explained, prepare
 from zeroshop_steps.detect.contour.depth_surface import find_ground, prepare_surface
 from zeroshop_steps.detect.detector_io import ObjectMask, read_frames, run_detector, suppress_boxes, suppress_masks
+from zeroshop_steps.detect.templates import render_templates
 from zeroshop_steps.geometry.imaging.images import read_mask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.partial_results import PartialResults
@@ -34,6 +39,21 @@ def test_finds_carton_and_can_among_strange_blocks(dataset):
             assert overlap(decode_mask(best.mask), truth) > 0.85
             assert best.score > 2 * max([one.score for one in mine if one is not best], default=0), "blocks are less like it"
             assert best.seconds > 0
+
+
+@pytest.mark.slow
+def test_a_hollow_thing_is_found_whole_and_by_its_outer_face(shared_data):
+    """A basket of TYO-L: its rim parts the outer face from the inside, and both the face and all of it are detections."""
+    published = shared_data / "reports/tyol"
+    if not published.is_dir():
+        pytest.skip(f"{published} is not there")
+    (model,) = read_models(published / "models", [19]).values()
+    detector = prepare(argparse.Namespace(), {19: model}, lambda _: render_templates(model, 42, 224))
+    frame = read_scene(published / "test_with_masks/000019")[10]
+    frame = replace(frame, folder=published / "test/000019")
+    truth = read_mask(published / "test_with_masks/000019/mask_visib/000010_000000.png")
+    overlaps = [overlap(one.mask, truth) for one in detector(frame)]
+    assert max(overlaps) > 0.7 and 0.35 < overlaps[0] < 0.5
 
 
 @pytest.mark.slow

@@ -92,7 +92,7 @@ def match_clearly(one: Features, other: Features) -> tuple[np.ndarray, np.ndarra
     likeness = one.descriptors @ other.descriptors.T
     rows, best = np.arange(len(likeness)), likeness.argmax(1)
     nearest = likeness[rows, best]
-    mutual = likeness.argmax(0)[best] == rows
+    mutual = nearest == likeness.max(0)[best]
     likeness[rows, best] = -np.inf
     clear = mutual & ((1 - nearest) < RATIO**2 * (1 - likeness.max(1)))
     return one.points_px[clear], other.points_px[best[clear]]

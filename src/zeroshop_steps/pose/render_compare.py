@@ -28,6 +28,7 @@ from zeroshop_steps.pose.pose_score import AGREE_MM, COARSE_RAYS, FINE_RAYS, RAY
 LEAST_POINTS = 30  # measured points of a detection; fewer do not fix a pose
 NUDGED = 8  # best hypotheses that are improved by small turns
 NUDGES_DEG = (8.0, 4.0, 2.0, 1.0)  # sizes of these turns, one after the other; starts are 15 degrees apart
+SPARE_DETECTIONS = 3  # of a target, beyond its number of instances: two of other places, and one of a part or of the whole
 EXTENDED = 1.1  # times as large as a detection: with less, what it lacks does not matter
 
 
@@ -58,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Estimate the poses of all detections in the target images."""
-    dataset.run_estimator(args, functools.partial(prepare, args), sure=SURE_CONFIDENCE)
+    dataset.run_estimator(args, functools.partial(prepare, args), SPARE_DETECTIONS, SURE_CONFIDENCE)
 
 
 def prepare(args: argparse.Namespace, models: dict[int, ObjectModel]) -> dataset.Estimator:

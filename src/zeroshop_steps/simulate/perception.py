@@ -13,8 +13,7 @@ from zeroshop_steps.detect.detector_io import ObjectMask
 from zeroshop_steps.detect.joined import join_touching
 from zeroshop_steps.detect.templates import read_templates
 from zeroshop_steps.pose.confidence import SURE_CONFIDENCE, estimate_confidence
-from zeroshop_steps.pose.dataset import SPARE_DETECTIONS
-from zeroshop_steps.pose.render_compare import PreparedModel, estimate_pose
+from zeroshop_steps.pose.render_compare import SPARE_DETECTIONS, PreparedModel, estimate_pose
 from zeroshop_steps.simulate.camera import SensedFrame
 
 
@@ -36,7 +35,7 @@ class Sighting:
 
 
 class Perception:
-    """Finds the objects of a folder of models. Poses are estimated as in `pose`: of the surest detection and two more.
+    """Finds the objects of a folder of models. Poses are estimated as in `pose`: of the surest detection and a few more.
 
     Where none of these poses is sure, the detections may be parts of the object, and those that touch are tried as one.
     """

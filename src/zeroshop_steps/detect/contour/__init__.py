@@ -20,7 +20,6 @@ from zeroshop_steps.detect.contour.regions import RegionProposal, propose_region
 from zeroshop_steps.detect.contour.template_matching import ReferenceViews, describe_reference, estimate_confidences
 from zeroshop_steps.detect.detector_io import (
     LEAST_CONFIDENCE,
-    MOST_IOU,
     Detector,
     ObjectMask,
     ViewsOf,
@@ -32,7 +31,10 @@ from zeroshop_steps.detect.detector_io import (
 )
 
 NO_DEPTH = "and this detector needs depth: add depth images, or use --method cnos, which needs colour only"
-MOST_CANDIDATES = 40  # regions of an object in an image that are considered, before that suppression
+MOST_CANDIDATES = 40  # regions of an object in an image that are considered, before doubles are dropped
+PART_IOU = 0.5
+"""Of two detections of one object; with more, the less confident one is dropped. A hollow thing and its outer face overlap by less, and
+which of them is all that is seen shows when poses are estimated from both."""
 
 METHOD = {"rank": 0, "mem_mb": 3000, "runtime_min": 60, "threads": 1}
 
@@ -67,7 +69,7 @@ def detect_objects(frame: Frame, references: dict[int, ReferenceViews]) -> list[
     for number, mine in zip(references, scores.T, strict=True):
         best = [index for index in np.argsort(-mine, kind="stable")[:MOST_CANDIDATES] if mine[index] >= LEAST_CONFIDENCE]
         masks = [_paste_mask(proposals[index], photo.shape[:2]) for index in best]
-        found += [ObjectMask(number, float(mine[best[kept]]), masks[kept]) for kept in suppress_masks(masks, mine[best], MOST_IOU)]
+        found += [ObjectMask(number, float(mine[best[kept]]), masks[kept]) for kept in suppress_masks(masks, mine[best], PART_IOU)]
     return discount_explained(found)
 
 
