@@ -175,8 +175,8 @@ def test_arrays_of_other_shapes_and_broken_ones_are_named(shoot):
     for index in range(2):
         shoot.mask(index).unlink()
     message = shoot.refused()
-    assert f"000.npy has the shape (1, {HEIGHT}, {WIDTH}) and the type float64; it must be (height, width)" in message
-    assert "001.npy cannot be read as an array of NumPy" in message
+    assert f"000.npy cannot be used (its shape is (1, {HEIGHT}, {WIDTH}), its type float64); save a (height, width) array" in message
+    assert "001.npy cannot be used" in message
 
 
 def test_dim_masks_that_were_compressed_are_taken(shoot, capsys):

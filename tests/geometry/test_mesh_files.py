@@ -136,8 +136,8 @@ def test_a_surface_that_glows_has_that_colour(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "content", "says"),
-    [("a.obj", b"ply\n", r"a\.obj is no OBJ; .* PLY: name it \.ply"), ("a.ply", b"version https://git-lfs.github.com/spec", "git lfs pull"),
-     ("a.ply", b"PK\x03\x04", "an archive: unpack it"), ("a.obj", b"glTF\2", r"name it \.glb")],
+    [("a.obj", b"ply\n", r"a\.obj is no OBJ but PLY: name it \.ply"), ("a.ply", b"version https://git-lfs.github.com/spec", "git lfs pull"),
+     ("a.ply", b"PK\x03\x04", "ZIP: unpack it"), ("a.obj", b"glTF\2", r"name it \.glb")],
 )  # fmt: skip
 def test_a_file_of_another_kind_is_told(tmp_path: Path, name: str, content: bytes, says: str) -> None:
     (tmp_path / name).write_bytes(content)

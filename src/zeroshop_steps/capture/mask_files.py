@@ -1,7 +1,8 @@
 """Read a mask of the user whatever its values: a cut-out, a palette, two levels of any brightness, or a soft edge between them."""
 
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,20 +63,17 @@ def read_user_mask(path: Path, photo_path: Path, photo: PhotoPixels, upright: bo
     return UserMask(path, mask, ", ".join(filter(None, (kind, scaled))))
 
 
-@contextlib.contextmanager
-def _open_mask(path: Path) -> Iterator[Image.Image]:
-    """Open a picture, or the bool or uint8 (H, W) array of a file by NumPy as one."""
+def _open_mask(path: Path) -> AbstractContextManager[Image.Image]:
+    """Open a picture, or the (H, W) array of a file by NumPy as one."""
     if path.suffix.lower() != ".npy":
-        with open_picture(path) as image:
-            yield image
-        return
+        return open_picture(path)
     try:
         array = np.load(path, allow_pickle=False)
+        if array.ndim != 2 or array.dtype not in (bool, np.uint8):
+            raise ValueError(f"its shape is {array.shape}, its type {array.dtype}")
     except (OSError, ValueError, EOFError) as error:
-        raise StepError(f"mask {path} cannot be read as an array of NumPy ({error}); save it again with numpy.save, or as PNG") from None
-    if array.ndim != 2 or array.dtype not in (bool, np.uint8):
-        raise StepError(f"mask {path} has the shape {array.shape} and the type {array.dtype}; it must be (height, width), bool or uint8")
-    yield Image.fromarray(array)
+        raise StepError(f"mask {path} cannot be used ({error}); save a (height, width) array of bool or uint8, or a PNG") from None
+    return Image.fromarray(array)
 
 
 def _find_object(image: Image.Image, path: Path, photo_path: Path) -> tuple[np.ndarray, str]:
@@ -139,13 +137,10 @@ def _part(levels: np.ndarray, path: Path, lossless: bool) -> tuple[np.ndarray, s
 
 def _find_limit(levels: np.ndarray, path: Path) -> float:
     """The level half way between the two that part a picture best (Ridler and Calvard, 1978)."""
-    limit = float(levels.min() + levels.max()) / 2
-    for _ in range(20):
-        above = levels > limit
-        dark, bright = float(levels[~above].mean()), float(levels[above].mean())
-        if abs((dark + bright) / 2 - limit) < 0.25:
-            break
-        limit = (dark + bright) / 2
+    from skimage.filters import threshold_isodata
+
+    above = levels > threshold_isodata(levels)
+    dark, bright = float(levels[~above].mean()), float(levels[above].mean())
     share = float(above.mean())
     if _halve(dark, bright) != MIDDLE and share * (1 - share) * (bright - dark) ** 2 < PARTED * levels.var():
         raise StepError(

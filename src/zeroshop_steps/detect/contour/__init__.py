@@ -32,9 +32,7 @@ from zeroshop_steps.detect.detector_io import (
 
 NO_DEPTH = "and this detector needs depth: add depth images, or use --method cnos, which needs colour only"
 MOST_CANDIDATES = 40  # regions of an object in an image that are considered, before doubles are dropped
-PART_IOU = 0.5
-"""Of two detections of one object; with more, the less confident one is dropped. A hollow thing and its outer face overlap by less, and
-which of them is all that is seen shows when poses are estimated from both."""
+PART_IOU = 0.5  # of two detections of an object; with more, the less confident one is dropped. A part and the whole overlap by less
 
 METHOD = {"rank": 0, "mem_mb": 3000, "runtime_min": 60, "threads": 1}
 

@@ -11,8 +11,6 @@ from zeroshop_steps.runtime.errors import StepError, remedy_for
 
 FORMATS = ("JPEG", "PNG", "MPO")
 """As Pillow calls them; MPO is a JPEG with further pictures behind the first, as phones write it."""
-POINTER = b"version https://git-lfs"
-"""First bytes of a file in whose place Git LFS has the true one."""
 LEAST_SIDE_PX = 32
 """Of a photo: SIFT needs some room around a feature, and COLMAP ends without a word on 20 x 15 px."""
 
@@ -90,7 +88,7 @@ def check_kind(path: Path) -> None:
         kind = "a folder" if path.is_dir() else "a link that leads nowhere" if path.is_symlink() else "no file"
         raise StepError(f"{path} is {kind}, not a photo; remove it, or put the photo itself there")
     with contextlib.suppress(OSError), path.open("rb") as file:  # what may not be read is told where it is decoded
-        if file.read(len(POINTER)) == POINTER:
+        if file.read(32).startswith(b"version https://git-lfs"):
             raise StepError(f"{path} is a pointer of Git LFS, not a photo; fetch the photo itself by git lfs pull")
 
 

@@ -17,14 +17,12 @@ from zeroshop_steps.runtime.errors import StepError, warn
 CORNERS = ("vertex_indices", "vertex_index")
 TEXTURE_COORDINATES = (("texture_u", "texture_v"), ("s", "t"), ("u", "v"), ("texture_s", "texture_t"))
 COLORS = tuple(tuple(prefix + name for name in ("red", "green", "blue")) for prefix in ("", "diffuse_", "ambient_")) + (("r", "g", "b"),)
-OTHER_STARTS = {
+OTHERS = {
     b"ply": "PLY: name it .ply",
-    b"glTF": "binary glTF: name it .glb",
-    b"PK": "an archive: unpack it",
-    b"\x1f\x8b": "an archive: unpack it",
-    b"version https://git-lfs": "a pointer of Git LFS: fetch the file itself by git lfs pull",
+    b"glTF": "GLB: name it .glb",
+    b"PK": "ZIP: unpack it",
+    b"version https": "Git LFS: git lfs pull",
 }
-"""First bytes of files that may have a mesh's name, and what to do with them."""
 LARGEST_TEXTURE_COORDINATE = 1e4
 """Beyond 0 and 1 a texture repeats; so often it never does, and in float32 nothing of the place within the image would be left."""
 TEXTURE_REMARK = re.compile(r"texture_?(?:file|name)\s*[:=]?\s+(.+)", re.IGNORECASE)
@@ -104,9 +102,9 @@ def require_mesh_file(path: Path) -> None:
         raise StepError(f"mesh {path} does not exist; check the path, or run the step that writes it")
     with path.open("rb") as file:
         start = file.read(32)
-    for begin, kind in OTHER_STARTS.items():
+    for begin, kind in OTHERS.items():
         if start.startswith(begin) and not kind.endswith(path.suffix.lower()):
-            raise StepError(f"mesh {path} is no {path.suffix[1:].upper()}; its first bytes are those of {kind}")
+            raise StepError(f"mesh {path} is no {path.suffix[1:].upper()} but {kind}, by its first bytes")
 
 
 def _by_texture(whole: SurfacePart, numbers: np.ndarray | None, textures: list[Path], path: Path) -> list[SurfacePart]:

@@ -66,11 +66,8 @@ def make_pinhole(lens: pycolmap.Camera, shown: np.ndarray | None = None) -> pyco
 
 
 def make_views(model: pycolmap.Reconstruction, masks: Mapping[str, np.ndarray]) -> dict[int, PinholeView]:
-    """{camera id: view} of the lenses of a model, by pinhole cameras that show the object of all its images where they can.
-
-    Args:
-        masks: (height, width) bool by the images' names; empty for a whole scene.
-    """
+    """{camera id: view} of the lenses of a model, by pinhole cameras that show the object of all its images where they can; by (height,
+    width) bool masks of the images' names, if there are any."""
     places: dict[int, list[np.ndarray]] = {camera_id: [] for camera_id in model.cameras}
     if any(_measure_room(lens).max() > 1 for lens in model.cameras.values()):
         for camera_id, found in _find_outlines(model, masks) if masks else _find_common_points(model):
