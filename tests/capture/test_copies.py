@@ -24,11 +24,11 @@ ENCODINGS = {
 
 
 def draw_scene() -> np.ndarray:
-    """(480, 640, 3) uint8: patches, faint to the right, and fine grain, which compression takes first."""
+    """(360, 480, 3) uint8: patches, faint to the right, and fine grain, which compression takes first."""
     rng = np.random.default_rng(5)
-    patches = cv2.resize(rng.integers(50, 200, (12, 16, 3), dtype=np.uint8), (640, 480), interpolation=cv2.INTER_CUBIC)
-    patches = 125 + (patches - 125.0) * np.linspace(1, 0.1, 640)[:, None]
-    return np.clip(patches + rng.integers(-12, 13, (480, 640, 1)), 0, 255).astype(np.uint8)
+    patches = cv2.resize(rng.integers(50, 200, (12, 16, 3), dtype=np.uint8), (480, 360), interpolation=cv2.INTER_CUBIC)
+    patches = 125 + (patches - 125.0) * np.linspace(1, 0.1, 480)[:, None]
+    return np.clip(patches + rng.integers(-12, 13, (360, 480, 1)), 0, 255).astype(np.uint8)
 
 
 def take(shoot: Shoot) -> list[str]:
@@ -44,7 +44,7 @@ def test_the_best_encoding_stays(tmp_path, name, first, capsys):
     how = dict(ENCODINGS[name[2:]])
     picture = Image.open(shoot.image(3)).convert(how.pop("mode", "RGB"))
     scale = how.pop("scale", 1.0)
-    picture.resize((round(640 * scale), round(480 * scale)), Image.Resampling.LANCZOS).save(shoot.images / name, **how)
+    picture.resize((round(480 * scale), round(360 * scale)), Image.Resampling.LANCZOS).save(shoot.images / name, **how)
     names = take(shoot)
     assert ORIGINAL in names and name not in names
     assert f"copies of other photos: {name} (like {ORIGINAL})" in capsys.readouterr().err

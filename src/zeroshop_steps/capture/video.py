@@ -12,6 +12,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import ImageSequence
 
 from zeroshop_steps.capture.bridging import bridge_gaps
 from zeroshop_steps.capture.frame_quality import (
@@ -25,6 +26,7 @@ from zeroshop_steps.capture.frame_quality import (
     shrink_to_grey,
     write_capture_record,
 )
+from zeroshop_steps.capture.photo_files import open_picture
 from zeroshop_steps.geometry.cameras.registered_views import space_evenly
 from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.runtime.errors import StepError, warn
@@ -194,6 +196,10 @@ def measure_frames(frames: Iterable[np.ndarray]) -> VideoScan:
 
 def read_frames(video: Path) -> Iterator[np.ndarray]:
     """All frames in order, (H, W, 3) uint8 RGB, upright as the file's rotation says."""
+    if video.suffix.lower() == ".gif":  # FFmpeg drops pictures that are shown for no time
+        with open_picture(video) as film:
+            yield from (np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(film))
+        return
     capture = _open(video)
     try:
         while True:

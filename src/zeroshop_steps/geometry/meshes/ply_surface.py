@@ -17,12 +17,7 @@ from zeroshop_steps.runtime.errors import StepError, warn
 CORNERS = ("vertex_indices", "vertex_index")
 TEXTURE_COORDINATES = (("texture_u", "texture_v"), ("s", "t"), ("u", "v"), ("texture_s", "texture_t"))
 COLORS = tuple(tuple(prefix + name for name in ("red", "green", "blue")) for prefix in ("", "diffuse_", "ambient_")) + (("r", "g", "b"),)
-OTHERS = {
-    b"ply": "PLY: name it .ply",
-    b"glTF": "GLB: name it .glb",
-    b"PK": "ZIP: unpack it",
-    b"version https": "Git LFS: git lfs pull",
-}
+OTHERS = {b"ply": "PLY: name it .ply", b"glTF": "GLB: name it .glb", b"PK": "ZIP: unpack it", b"version https": "Git LFS: git lfs pull"}
 LARGEST_TEXTURE_COORDINATE = 1e4
 """Beyond 0 and 1 a texture repeats; so often it never does, and in float32 nothing of the place within the image would be left."""
 TEXTURE_REMARK = re.compile(r"texture_?(?:file|name)\s*[:=]?\s+(.+)", re.IGNORECASE)
