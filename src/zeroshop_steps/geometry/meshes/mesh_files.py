@@ -114,12 +114,10 @@ def _read_parts(path: Path) -> list[SurfacePart]:
 
     files = _FolderFiles(path)
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # what matters of its complaints is raised here
-    content = path.read_bytes()
-    if path.suffix.lower() == ".obj":
-        content = _scale_colors(content)
-    if path.suffix.lower() == ".off" and content[:4] in (b"COFF", b"CNOF"):
+    kind, content = path.suffix[1:].lower(), path.read_bytes()
+    content = _scale_colors(content) if kind == "obj" else content
+    if kind == "off" and content[:4] in (b"COFF", b"CNOF"):
         warn(f"mesh {path} has colours, which are not read of OFF, and is used without them; export it as PLY")
-    kind = path.suffix[1:].lower()
     scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=files, process=False, group_material=True)
     if files.refused:
         raise files.refused[0]
@@ -210,10 +208,9 @@ def _to_part(loaded: Any) -> SurfacePart:
         # What trimesh makes up for faces whose material is not named, or not there.
         return SurfacePart(replace(surface, uv=np.asarray(visual.uv, float)[:, :2]))
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-    glow = getattr(material, "emissiveTexture", None)
     factor = next((found for name in ("baseColorFactor", "diffuse") if (found := getattr(material, name, None)) is not None), None)
     tint = np.ones(3) if factor is None else np.asarray(factor, float)[:3] / (255.0 if np.asarray(factor).dtype.kind in "iu" else 1.0)
-    if image is None and glow is not None:  # a surface that glows has no other colour
+    if image is None and (glow := getattr(material, "emissiveTexture", None)) is not None:  # there is no other colour
         image, tint = glow, np.ones(3)
     if image is not None and visual.uv is not None:
         texture = np.asarray(image.convert("RGB"))
