@@ -85,8 +85,8 @@ SQUARE = "v 0 0 0\nv 90 0 0\nv 90 90 0\nvt 0 0\nvt 1 0\nvt 1 1\n{}f 1/1 2/2 3/3\
 )  # fmt: skip
 def test_a_texture_of_mtl_is_named_in_many_ways(tmp_path: Path, line: str) -> None:
     Image.new("RGB", (8, 8), (200, 100, 50)).save(tmp_path / "t.png")
-    (tmp_path / "a.mtl").write_text(f"newmtl x\nKd 0 0 0\n{line}\n")
-    (tmp_path / "a.obj").write_text("mtllib a.mtl\n" + SQUARE.format("usemtl x\n"))
+    (tmp_path / "a.mtl").write_text(f"newmtl x\nKd 0 0 0\n{line}\n", encoding="utf-8-sig")
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\n" + SQUARE.format("usemtl x\n"), encoding="utf-8-sig")
     assert (read_mesh(tmp_path / "a.obj").texture == (200, 100, 50)).all()
 
 
@@ -115,6 +115,19 @@ def test_what_a_folder_holds_instead_is_told(tmp_path: Path) -> None:
     )
     (tmp_path / "cup.ply").touch()
     assert describe_others(tmp_path) == "it holds cup.ply, obj_000001.3mf"
+
+
+def test_the_diffuse_texture_of_an_older_extension_is_used(tmp_path: Path) -> None:
+    box = trimesh.creation.box((90, 60, 120))
+    material = trimesh.visual.material.PBRMaterial(baseColorTexture=Image.new("RGB", (8, 8), (200, 100, 50)))
+    box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 2)), material=material)
+    for name, content in trimesh.exchange.gltf.export_gltf(trimesh.Scene(box)).items():
+        (tmp_path / name).write_bytes(content)
+    facts = json.loads((tmp_path / "model.gltf").read_text())
+    diffuse = {"diffuseTexture": facts["materials"][0].pop("pbrMetallicRoughness")["baseColorTexture"]}
+    facts["materials"][0]["extensions"] = {"KHR_materials_pbrSpecularGlossiness": diffuse}
+    (tmp_path / "model.gltf").write_text(json.dumps(facts | {"extensionsUsed": ["KHR_materials_pbrSpecularGlossiness"]}))
+    assert (read_mesh(tmp_path / "model.gltf").texture == (200, 100, 50)).all()
 
 
 @pytest.mark.parametrize("full", [1, 255])

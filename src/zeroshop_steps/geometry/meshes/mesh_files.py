@@ -1,5 +1,6 @@
 """Meshes that users have: PLY, and through trimesh OBJ, glTF, STL and OFF."""
 
+import codecs
 import io
 import json
 import logging
@@ -111,10 +112,12 @@ def _tell_untextured(path: Path, mesh: Mesh) -> Mesh:
 def _read_parts(path: Path) -> list[SurfacePart]:
     """The parts of all materials, placed in the scene. Raises StepError where there is no face, or a file cannot be used."""
     import trimesh
+    from trimesh.exchange.gltf.extensions import register_handler
 
+    register_handler("KHR_materials_pbrSpecularGlossiness", scope="material")(_take_diffuse)
     files = _FolderFiles(path)
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # what matters of its complaints is raised here
-    kind, content = path.suffix[1:].lower(), path.read_bytes()
+    kind, content = path.suffix[1:].lower(), path.read_bytes().removeprefix(codecs.BOM_UTF8)
     content = _scale_colors(content) if kind == "obj" else content
     if kind == "off" and content[:4] in (b"COFF", b"CNOF"):
         warn(f"mesh {path} has colours, which are not read of OFF, and is used without them; export it as PLY")
@@ -127,6 +130,13 @@ def _read_parts(path: Path) -> list[SurfacePart]:
     if not all(np.isfinite(part.surface.vertices).all() for part in parts):
         raise StepError(f"mesh {path} is damaged: it has vertices that are not finite; export it again")
     return parts
+
+
+def _take_diffuse(context: Mapping[str, Any]) -> dict[str, Any]:
+    """The diffuse colours of a material by an older extension; trimesh's own conversion takes those of a mirror, where it says no more."""
+    return {
+        base: context["data"].get(name) for base, name in (("baseColorTexture", "diffuseTexture"), ("baseColorFactor", "diffuseFactor"))
+    }
 
 
 def _scale_colors(content: bytes) -> bytes:
@@ -168,7 +178,7 @@ class _FolderFiles(Mapping):
                 )
             if not found.is_file():
                 raise StepError(f"mesh {self.path} names {text}, but {found} does not exist; put it there, or remove that line")
-            content = found.read_bytes()
+            content = found.read_bytes().removeprefix(codecs.BOM_UTF8)
             if found.suffix.lower() == ".mtl":
                 # A texture of ambient light alone is the only one; of both, that of diffuse light is used.
                 parts = re.split(rb"(?im)^(?=\s*newmtl\b)", content)
