@@ -4,6 +4,7 @@ import hashlib
 import html
 import re
 import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote
@@ -14,6 +15,7 @@ import pytest
 from helpers.small_report import failed_cell, finished_cell, half_done_cell, made_gallery, made_page
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.viewpoints import look_at, make_intrinsics
+from zeroshop_steps.geometry.meshes.triangle_meshes import write_ply
 from zeroshop_steps.report.site.advice import advise_on_failure
 from zeroshop_steps.report.site.svg_plots import scatter
 from zeroshop_steps.runtime.files import read_json, write_json
@@ -58,6 +60,14 @@ def report(tmp_path_factory, carton):
     pages = [made_page(results / name, results / "report", "--faces", "500") for name in ("carton", "glass", "later")]
     made_gallery(results / "report", *pages)
     return results / "report"
+
+
+def test_a_model_and_a_mesh_without_colour_have_a_page(tmp_path, carton):
+    cell = finished_cell(tmp_path / "carton", carton)
+    for path in (cell / "mesh.ply", tmp_path / "carton/model/model.ply"):
+        write_ply(path, replace(carton.mesh, uv=None, texture=None))
+    page = made_page(tmp_path / "carton", tmp_path / "report", "--faces", "500")
+    assert {"truth.js", "thumbnail.webp", "mesh-su_h-colmap-2dgs.js"} <= {path.name for path in page.iterdir()}
 
 
 def test_every_link_leads_somewhere(report):
