@@ -35,7 +35,7 @@ from zeroshop_steps.segment.support import propose_supports
 
 HIDDEN_UNITS, EPOCHS, BATCH, RATE, DECAY = 24, 12, 8192, 5e-3, 1e-4
 FOLDS = 5
-COMMON_WEIGHT, COMMON_STRENGTH = 5.0, 0.25  # of a measure between 0 and 1; the strength is that of all hypotheses together
+COMMON_WEIGHT, COMMON_STRENGTH = 5.0, 1.0  # of a measure between 0 and 1; the strength is that of all hypotheses together
 REFUSALS = 5  # of right masks that wrong and accepted ones cost: people see a refusal at once
 
 

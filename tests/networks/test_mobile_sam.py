@@ -87,6 +87,6 @@ def test_the_published_network_cuts_out_a_ball(published):
     points, labels = np.array([[230, 140], [250, 110]]) / (400, 300), np.ones(2)
     for asked in ({"box": box}, {"points": points, "labels": labels}):
         odds = published.decode(features, **asked)
-        assert odds.shape == (3, 192, 256) and odds.dtype == np.float32
+        assert odds.shape == (3, 96, 128) and odds.dtype == np.float32
         whole = cv2.resize(odds[-1], (400, 300)) > 0
         assert compute_overlap(whole, ball) > 0.97

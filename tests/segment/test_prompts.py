@@ -2,12 +2,15 @@
 
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
 import pytest
 
 from helpers.table_scene import ball_mask, table_views
+from zeroshop_steps.geometry.support.scene_support import SceneSupport
 from zeroshop_steps.networks.mobile_sam.model import Features
 from zeroshop_steps.segment.cues import prompted
+from zeroshop_steps.segment.objects import find_whole
 from zeroshop_steps.segment.outlines.prompts import POINTS, PromptedSegmenter, find_inner_points
 from zeroshop_steps.segment.outlines.windows import Window
 from zeroshop_steps.segment.photometry.exposure import Exposure
@@ -112,3 +115,38 @@ def test_views_that_are_not_asked_or_show_nothing_say_nothing(table, monkeypatch
     see = prompted.prepare(scene, guess_of(scene, [truths[0] & False, *truths[1:]]))
     known = [bool(see(index)[-1].any()) for index in range(COUNT)]
     assert sum(known) == 2 and not known[0] and len(network.encoded) == 2
+
+
+def test_the_whole_is_seen_in_the_photos_that_windows_are_of(table):
+    """The stub sees the left half of what it encoded; beyond the window nobody was asked."""
+    scene, truths, _ = table
+    windows = [Window(60, 40, 180, 140)] * COUNT
+    closer = scene.look_closer(windows, None)
+    looked = [
+        cv2.resize(truth.astype(np.uint8)[40:140, 60:180], image.shape[1::-1]) > 0
+        for truth, image in zip(truths, closer.images, strict=True)
+    ]
+    (seen, *_) = prompted.see_whole(scene, closer, guess_of(closer, looked))
+    assert seen.shape == truths[0].shape
+    assert (seen[40:140, 62:115] > 7).all() and (seen[40:140, 125:178] < -7).all()
+    assert not seen[:, :60].any() and not seen[:, 180:].any() and not seen[:40].any() and not seen[140:].any()
+    assert prompted.see_whole(scene, scene, start_guess(scene, None)) is None
+
+
+def test_a_part_is_told_from_the_whole_that_another_cue_sees(table):
+    """Two balls that touch are the whole of the first; alone it is its own whole."""
+    scene, truths, _ = table
+    cameras, (focus, distance) = scene.cameras, scene.focus
+    plane = SceneSupport(np.array([0.0, 0.0, 1.0]), 0.0, focus, distance, 0)
+    points = np.random.default_rng(0).uniform(-1, 1, (4000, 3))
+    points = np.array(BALL) + BALL[2] * points[np.linalg.norm(points, axis=1) < 1]
+    both = [truth | ball_mask(camera, (0.7, 0.0, 0.4)) for truth, camera in zip(truths, cameras, strict=True)]
+    alone, larger = (
+        find_whole(cameras, plane, focus, distance, [np.where(mask, 8, -8).astype(np.float32) for mask in masks], points)
+        for masks in (truths, both)
+    )
+    assert alone.overlap > 0.9 and larger.overlap < 0.8
+    assert (larger.found.labels == larger.number).sum() > 1.3 * (alone.found.labels == alone.number).sum()
+    nothing = [np.full(truth.shape, -8, np.float32) for truth in truths]
+    assert find_whole(cameras, plane, focus, distance, nothing, points) is None
+    assert find_whole(cameras, plane, focus, distance, [np.where(mask, 8, -8) for mask in truths], points + 1.5) is None

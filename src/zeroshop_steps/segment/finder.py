@@ -11,6 +11,7 @@ from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.support.scene_support import SceneSupport
 from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
+from zeroshop_steps.segment.cues import prompted
 from zeroshop_steps.segment.cues.fusion import estimate_odds
 from zeroshop_steps.segment.mask_hull import Solution, close_holes, solve
 from zeroshop_steps.segment.objects import (
@@ -19,8 +20,10 @@ from zeroshop_steps.segment.objects import (
     Room,
     SceneObjects,
     TwoObjects,
+    Whole,
     cut_block,
     find_objects,
+    find_whole,
     fit_room,
     join_fragments,
 )
@@ -28,16 +31,17 @@ from zeroshop_steps.segment.outlines.prompts import PromptedSegmenter
 from zeroshop_steps.segment.outlines.windows import CLOSER, choose_windows, lay_back, scale_windows
 from zeroshop_steps.segment.photometry.exposure import Exposure
 from zeroshop_steps.segment.quality.mask_quality import MaskQuality, MasksRejected, compare_with_hull, describe_quality
-from zeroshop_steps.segment.quality.mask_scores import REASONS, Measures, Score, measure, score
+from zeroshop_steps.segment.quality.mask_scores import REASONS, RIGHT_OVERLAP, Measures, Score, measure, score
 from zeroshop_steps.segment.quality.tidy_mask import tidy_mask
 from zeroshop_steps.segment.scene import MaskScene, read_mask_scene, start_guess
 from zeroshop_steps.segment.support import Candidate, propose_supports, settle_support
 from zeroshop_steps.segment.support_voxels import VoxelGrid, count_votes, render_silhouettes
 
 WIDTH_PX = 480  # masks are cut at this width at most; time grows with its square
-SURE, LEAST = 0.97, 0.95
-"""The probability from which on no other hypothesis is tried, and below which masks are refused: on the captures of the tune half, their
-objects left out of the fit, the right masks less five times the wrong ones that are accepted are most (benchmarks/fit_masks.py)."""
+SURE, LEAST = 0.97, 0.93
+"""The probability from which on no other object on a plane is tried, and below which other planes are tried, and masks are refused: on the
+captures of the tune half, their objects left out of the fit, the right masks less five times the wrong ones that are accepted are most
+(benchmarks/fit_masks.py)."""
 MOST_ROOMS = 4  # that are tried for an object
 EQUAL, RIVAL = 0.9, 0.6  # how likely another object is meant: either may be, and it is tried, too
 LEAST_HALF, LEAST_COMMON = 6, 0.3  # photos in half of the capture, and share of the voxels that both halves show of an object that stays
@@ -55,6 +59,7 @@ class Hypothesis:
         scene: the photos, or windows of them, that were cut.
         solution, qualities, measures, score: the masks, and how good they are.
         objects: the number of objects that were found.
+        whole: what Segment Anything takes for the whole of the object; None where it sees none.
     """
 
     candidate: Candidate
@@ -65,6 +70,7 @@ class Hypothesis:
     measures: Measures
     score: Score
     objects: int
+    whole: Whole | None
 
 
 def find_masks(
@@ -100,9 +106,11 @@ def find_masks(
             for hypothesis in try_support(scene, candidate, network, place=place):
                 if best is None or hypothesis.score.probability > best.score.probability:
                     best = hypothesis
+                if best.score.probability >= SURE:
+                    break
         except NothingFound as error:
             failures.append((error, candidate))
-        if best is not None and best.score.probability >= SURE:
+        if best is not None and best.score.probability >= LEAST:
             break
     if best is None:
         failure, candidate = failures[0]
@@ -134,7 +142,7 @@ def try_support(
     place: np.ndarray | None = None,
 ) -> Iterator[Hypothesis]:
     """Masks on one plane, by all cues but those in `without`: of the likeliest object, of the next if it may be meant instead, and of
-    the likeliest with what may be fragments of it.
+    the likeliest with what may be fragments of it; and of what Segment Anything takes for the whole of an object.
 
     Where the object that is meant has a `place`, (3,) in the world, of that one alone.
 
@@ -153,10 +161,14 @@ def try_support(
             " of the photos"
         )
     for number in (1, 2)[: 1 if rival < RIVAL else 2]:
-        yield from _cut_out(scene, candidate, support, found, number, odds, network, without, found.measure_rival(number))
-    whole = join_fragments(found, scene.cameras)
-    if whole is not None:  # what is joined may be the rival, so the doubt stays
-        yield from _cut_out(scene, candidate, support, whole, 1, odds, network, without, rival)
+        own = list(_cut_out(scene, candidate, support, found, number, odds, network, without, found.measure_rival(number)))
+        yield from own
+        whole = max(own, key=lambda hypothesis: hypothesis.score.probability).whole
+        if whole is not None and whole.overlap < RIGHT_OVERLAP:
+            yield from _cut_out(scene, candidate, support, whole.found, whole.number, whole.odds, network, without, rival)
+    joined = join_fragments(found, scene.cameras)
+    if joined is not None:  # what is joined may be the rival, so the doubt stays
+        yield from _cut_out(scene, candidate, support, joined, 1, odds, network, without, rival)
 
 
 def find_on(
@@ -204,10 +216,13 @@ def _cut_out(
         qualities = compare_with_hull([mask > 0.5 for mask in solution.masks], solution.hulls)
         longer = fit_room(found, room, solution.grid, solution.occupied)
         truncated = longer is not None and longer.reach is not longer.own
+        seen = prompted.see_whole(scene, closer_scene, solution.guess)
+        points = solution.grid.centres(np.argwhere(solution.occupied))
+        whole = None if seen is None else find_whole(scene.cameras, support, *scene.focus, seen, points)
         measures = measure(closer_scene, solution, qualities, rival or 0.0, truncated)
         if rival is None:
             measures = replace(measures, network_difference=0.0)
-        yield Hypothesis(candidate, settled is not None, closer_scene, solution, qualities, measures, score(measures), found.count)
+        yield Hypothesis(candidate, settled is not None, closer_scene, solution, qualities, measures, score(measures), found.count, whole)
         room = longer
 
 

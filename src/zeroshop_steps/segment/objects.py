@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.registered_views import space_evenly
+from zeroshop_steps.geometry.imaging.images import compute_overlap
 from zeroshop_steps.geometry.support.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.ground_picture import MOST_VIEWS
@@ -68,6 +69,13 @@ class SceneObjects:
         if away.min() > NEAR_VOXELS * self.grid.side:
             raise NothingFound("the object that is meant was not found again where the list of objects has it; list them anew")
         return int(self.labels[tuple(index[away.argmin()])])
+
+    def mark(self, points: np.ndarray) -> np.ndarray:
+        """(X, Y, Z) bool: the voxels that hold world positions, (P, 3)."""
+        index, inside = self.grid.locate(points)
+        marked = np.zeros(self.labels.shape, bool)
+        marked[tuple(index[inside].T)] = True
+        return marked
 
     @property
     def count(self) -> int:
@@ -179,6 +187,45 @@ def join_fragments(found: SceneObjects, cameras: Sequence[Camera]) -> SceneObjec
     return replace(found, labels=names[found.labels], ratings=tuple(found.ratings[number - 1] for number in left[1:]))
 
 
+@dataclass(frozen=True)
+class Whole:
+    """What another cue takes for the whole of an object.
+
+    Attributes:
+        found, number: the objects by that cue, and which of them holds most of the object.
+        odds: (h, w) log odds of it in every view.
+        overlap: of its silhouettes with the object's, in the median view.
+    """
+
+    found: SceneObjects
+    number: int
+    odds: Sequence[np.ndarray]
+    overlap: float
+
+
+def find_whole(
+    cameras: Sequence[Camera],
+    support: SceneSupport | None,
+    focus: np.ndarray,
+    distance: float,
+    odds: Sequence[np.ndarray],
+    points: np.ndarray,
+) -> Whole | None:
+    """What has these (h, w) log odds around (P, 3) points of an object; None where nothing has. The other arguments: see `find_objects`."""
+    try:
+        found = find_objects(cameras, support, focus, distance, odds)
+    except NothingFound:
+        return None
+    own = found.mark(points)
+    shares = np.bincount(found.labels[own], minlength=2)
+    shares[0] = 0
+    if not shares.any():
+        return None
+    number = int(shares.argmax())
+    pairs = zip(*(render_silhouettes(found.grid, part, cameras) for part in (own, found.labels == number)), strict=True)
+    return Whole(found, number, odds, float(np.median([compute_overlap(one, other) for one, other in pairs])))
+
+
 def _close_over(shown: np.ndarray) -> np.ndarray:
     """The convex hull of (H, W) bool."""
     points = cv2.findNonZero(shown.astype(np.uint8))
@@ -216,9 +263,7 @@ def fit_room(found: SceneObjects, room: Room, grid: VoxelGrid, hull: np.ndarray)
     Returns:
         None where the present room does.
     """
-    index, inside = found.grid.locate(grid.centres(np.argwhere(hull)))
-    own = np.zeros(room.reach.shape, bool)
-    own[tuple(index[inside].T)] = True
+    own = found.mark(grid.centres(np.argwhere(hull)))
     near, nearest = ndimage.distance_transform_edt(~_find_standing(found, room.reach), return_indices=True)
     ends = np.argwhere(own & (near > _find_margin(room.reach) - 1))
     ways = ends - nearest[:, *ends.T].T

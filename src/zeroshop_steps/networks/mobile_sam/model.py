@@ -13,7 +13,9 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 from zeroshop_steps.networks.imagenet import LEVEL_DEVIATION, LEVEL_MEAN
 from zeroshop_steps.networks.weights import load_strictly
 
-SIDE_PX = 1024  # of the square that an image is scaled into
+SIDE_PX = 512
+"""Of the square that an image is scaled into. At 1024, as in training, it takes 4.5 times longer; masks in boxes overlap a little more with
+the object then (0.975, at 512 0.960, 40 photos), but those at points of it take its surroundings along more often (0.872 and 0.943)."""
 FEATURE_PX = 16  # pixels of that square for each feature
 MEAN, DEVIATION = np.array(LEVEL_MEAN, np.float32), np.array(LEVEL_DEVIATION, np.float32)
 RENAMED = (
@@ -40,7 +42,7 @@ class Features:
     """What the encoder makes of an image.
 
     Attributes:
-        features: (1, C, 64, 64).
+        features: (1, C, F, F), F = SIDE_PX / FEATURE_PX.
         size_px: (width, height) of the image in the square.
     """
 
@@ -57,6 +59,8 @@ class _MobileSam(nn.Module):
 
         config = SamConfig()
         config.mask_decoder_config._attn_implementation = "sdpa"
+        config.prompt_encoder_config.image_size = SIDE_PX
+        config.prompt_encoder_config.image_embedding_size = SIDE_PX // FEATURE_PX
         self.image_encoder = TinyViT.from_config("5m", img_size=SIDE_PX, mobile_sam=True)
         self.prompt_encoder = SamPromptEncoder(config)
         self.mask_decoder = SamMaskDecoder(config.mask_decoder_config)
@@ -116,7 +120,7 @@ class MobileSam:
         return np.asarray(odds[0, 0, :, :rows, :columns].numpy())
 
     def _encode_positions(self) -> Tensor:
-        """(1, C, 64, 64): where each feature is."""
+        """(1, C, F, F): where each feature is."""
         count = SIDE_PX // FEATURE_PX
         steps = (torch.arange(count) + 0.5) / count
         rows, columns = torch.meshgrid(steps, steps, indexing="ij")

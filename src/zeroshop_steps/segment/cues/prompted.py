@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.registered_views import space_evenly
@@ -37,3 +38,23 @@ def prepare(scene: MaskScene, guess: Guess) -> Callable[[int], list[np.ndarray]]
         return [*channels, np.ones_like(channels[0])]
 
     return see
+
+
+def see_whole(scene: MaskScene, closer: MaskScene, guess: Guess) -> list[np.ndarray] | None:
+    """(h, w) log odds in each photo of the largest thing at points of the hull, 0 where nobody was asked; None without Segment Anything.
+
+    Args:
+        scene, closer: the whole photos, and the windows of them that are looked at.
+        guess: the hull.
+    """
+    see = prepare(closer, guess)
+    if see is None:
+        return None
+    maps = []
+    for index, (window, view, camera) in enumerate(zip(closer.windows, scene.views, scene.cameras, strict=True)):
+        part = window.scaled(camera.width_px / view.camera.width_px, camera.height_px / view.camera.height_px)
+        odds = np.zeros((camera.height_px, camera.width_px), np.float32)
+        size_px = part.right - part.left, part.bottom - part.top
+        odds[part.slices] = cv2.resize(MOST_ODDS * see(index)[CHANNELS.index("pointed")], size_px, interpolation=cv2.INTER_AREA)
+        maps.append(odds)
+    return maps

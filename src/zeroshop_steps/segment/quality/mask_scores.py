@@ -54,9 +54,11 @@ class Measures:
         mean_contradiction: the same of the mean mask.
         faulty: share of the masks that are empty, contradicted or of another size than the others predict.
         network_difference: square root of 1 less the overlap with what a salient-object network sees, reached in a quarter of the photos;
-            0 without one. With the root, small differences tell more, as they do: the likelihood of objects left out of the fit is higher.
+            0 without one; `pointed_difference` where that is less: one of them confirms the masks. With the root, small differences tell
+            more, as they do: the likelihood of objects left out of the fit is higher.
         prompted_difference: the same of what Segment Anything cuts out in the box around the hull of the other photos, of the median photo;
             0 without it.
+        pointed_difference: the same with the largest thing that it sees at points of the hull, in the best quarter of the photos.
         points_missed: of the sparse points that are connected with those of the object, the share outside its hull.
         points_contradicted: of the sparse points that masks show, the share that lies elsewhere in space or on the ground.
         flat: of what a plane sweep tells within the masks, the share that lies on the ground or far away; 1 from as much on as right masks
@@ -71,6 +73,7 @@ class Measures:
     faulty: float
     network_difference: float
     prompted_difference: float
+    pointed_difference: float
     points_missed: float
     points_contradicted: float
     flat: float
@@ -85,6 +88,7 @@ REASONS = {
     "faulty": "many masks are empty or contradict the others",
     "network_difference": "the network sees something else than what stands on the ground",
     "prompted_difference": "Segment Anything cuts something else out of the photos",
+    "pointed_difference": "Segment Anything sees a part of a larger thing in them",
     "points_missed": "sparse points of the object lie outside the masks",
     "points_contradicted": "the masks show points of other things or of the ground",
     "flat": "the masks show what lies flat on the ground, such as a sheet of paper below the object",
@@ -103,22 +107,25 @@ def measure(scene: MaskScene, solution: Solution, qualities: Sequence[MaskQualit
         truncated: whether the hull reaches the end of its room.
     """
     masks = [mask > 0.5 for mask in solution.masks]
-    difference = 0.0
+    network_difference = 0.0
     looks = [maps for maps in (scene.saliency, scene.closer_saliency) if maps is not None]
     if looks:
         best = [max(compute_overlap(mask, seen > 0.5) for seen in maps) for mask, maps in zip(masks, zip(*looks, strict=True), strict=True)]
-        difference = math.sqrt(1 - float(np.quantile(best, CONFIRMED)))
+        network_difference = math.sqrt(1 - float(np.quantile(best, CONFIRMED)))
     # Photos beside which the object lies say nothing; some of several objects do so in many.
     shown = [mask.any() or hull.any() for mask, hull in zip(masks, solution.hulls, strict=True)]
     judged = [quality for quality, of_object in zip(qualities, shown, strict=True) if of_object]
+    asked = _measure_prompted(scene, solution, masks)
+    prompted_difference, pointed_difference = asked or (0.0, 0.0)
     contradictions = [min(quality.disagreement or 0.0, 1.0) for quality in judged]
     return Measures(
         rival=rival,
         contradiction=float(np.median(contradictions)),
         mean_contradiction=float(np.mean(contradictions)),
         faulty=float(np.mean([quality.fault is not None for quality in judged])),
-        network_difference=difference,
-        prompted_difference=_measure_prompted(scene, solution, masks),
+        network_difference=min(network_difference, pointed_difference) if asked else network_difference,
+        prompted_difference=prompted_difference,
+        pointed_difference=pointed_difference,
         points_missed=_measure_missed(scene, solution),
         points_contradicted=_measure_contradicted(scene, solution, masks),
         flat=_measure_flat(scene, solution, masks),
@@ -127,16 +134,19 @@ def measure(scene: MaskScene, solution: Solution, qualities: Sequence[MaskQualit
     )
 
 
-def _measure_prompted(scene: MaskScene, solution: Solution, masks: Sequence[np.ndarray]) -> float:
+def _measure_prompted(scene: MaskScene, solution: Solution, masks: Sequence[np.ndarray]) -> tuple[float, float] | None:
     see = prompted.prepare(scene, solution.guess)
     if see is None:
-        return 0.0
+        return None
     overlaps = []
     for index, mask in enumerate(masks):
-        boxed, *_, known = see(index)
+        boxed, _, pointed, _, known = see(index)
         if known.any():
-            overlaps.append(compute_overlap(mask, boxed > 0))
-    return math.sqrt(1 - float(np.median(overlaps))) if overlaps else 0.0
+            overlaps.append([compute_overlap(mask, odds > 0) for odds in (boxed, pointed)])
+    if not overlaps:
+        return None
+    in_box, at_points = np.array(overlaps).T
+    return math.sqrt(1 - float(np.median(in_box))), math.sqrt(1 - float(np.quantile(at_points, CONFIRMED)))
 
 
 def _measure_cut_off(mask: np.ndarray, quality: MaskQuality) -> float:
