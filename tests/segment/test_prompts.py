@@ -10,7 +10,7 @@ from helpers.table_scene import ball_mask, table_views
 from zeroshop_steps.geometry.support.scene_support import SceneSupport
 from zeroshop_steps.networks.mobile_sam.model import Features
 from zeroshop_steps.segment.cues import prompted
-from zeroshop_steps.segment.objects import find_whole
+from zeroshop_steps.segment.objects import NothingFound, find_objects, find_whole
 from zeroshop_steps.segment.outlines.prompts import POINTS, PromptedSegmenter, find_inner_points
 from zeroshop_steps.segment.outlines.windows import Window
 from zeroshop_steps.segment.photometry.exposure import Exposure
@@ -142,11 +142,11 @@ def test_a_part_is_told_from_the_whole_that_another_cue_sees(table):
     points = np.array(BALL) + BALL[2] * points[np.linalg.norm(points, axis=1) < 1]
     both = [truth | ball_mask(camera, (0.7, 0.0, 0.4)) for truth, camera in zip(truths, cameras, strict=True)]
     alone, larger = (
-        find_whole(cameras, plane, focus, distance, [np.where(mask, 8, -8).astype(np.float32) for mask in masks], points)
+        find_objects(cameras, plane, focus, distance, [np.where(mask, 8, -8).astype(np.float32) for mask in masks])
         for masks in (truths, both)
     )
-    assert alone.overlap > 0.9 and larger.overlap < 0.8
-    assert (larger.found.labels == larger.number).sum() > 1.3 * (alone.found.labels == alone.number).sum()
-    nothing = [np.full(truth.shape, -8, np.float32) for truth in truths]
-    assert find_whole(cameras, plane, focus, distance, nothing, points) is None
-    assert find_whole(cameras, plane, focus, distance, [np.where(mask, 8, -8) for mask in truths], points + 1.5) is None
+    (own, same), (number, overlap) = (find_whole(found, cameras, points) for found in (alone, larger))
+    assert same > 0.9 and overlap < 0.8
+    assert (larger.labels == number).sum() > 1.3 * (alone.labels == own).sum()
+    with pytest.raises(NothingFound):
+        find_whole(alone, cameras, points + 1.5)

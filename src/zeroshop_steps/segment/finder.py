@@ -1,5 +1,6 @@
 """Find the object in registered photos: for each plane that it may stand on, masks by all cues; the score chooses."""
 
+import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -20,7 +21,6 @@ from zeroshop_steps.segment.objects import (
     Room,
     SceneObjects,
     TwoObjects,
-    Whole,
     cut_block,
     find_objects,
     find_whole,
@@ -59,7 +59,6 @@ class Hypothesis:
         scene: the photos, or windows of them, that were cut.
         solution, qualities, measures, score: the masks, and how good they are.
         objects: the number of objects that were found.
-        whole: what Segment Anything takes for the whole of the object; None where it sees none.
     """
 
     candidate: Candidate
@@ -70,7 +69,6 @@ class Hypothesis:
     measures: Measures
     score: Score
     objects: int
-    whole: Whole | None
 
 
 def find_masks(
@@ -163,9 +161,8 @@ def try_support(
     for number in (1, 2)[: 1 if rival < RIVAL else 2]:
         own = list(_cut_out(scene, candidate, support, found, number, odds, network, without, found.measure_rival(number)))
         yield from own
-        whole = max(own, key=lambda hypothesis: hypothesis.score.probability).whole
-        if whole is not None and whole.overlap < RIGHT_OVERLAP:
-            yield from _cut_out(scene, candidate, support, whole.found, whole.number, whole.odds, network, without, rival)
+        with contextlib.suppress(NothingFound):
+            yield from _cut_out_whole(scene, max(own, key=lambda hypothesis: hypothesis.score.probability), network, without, rival)
     joined = join_fragments(found, scene.cameras)
     if joined is not None:  # what is joined may be the rival, so the doubt stays
         yield from _cut_out(scene, candidate, support, joined, 1, odds, network, without, rival)
@@ -216,14 +213,26 @@ def _cut_out(
         qualities = compare_with_hull([mask > 0.5 for mask in solution.masks], solution.hulls)
         longer = fit_room(found, room, solution.grid, solution.occupied)
         truncated = longer is not None and longer.reach is not longer.own
-        seen = prompted.see_whole(scene, closer_scene, solution.guess)
-        points = solution.grid.centres(np.argwhere(solution.occupied))
-        whole = None if seen is None else find_whole(scene.cameras, support, *scene.focus, seen, points)
         measures = measure(closer_scene, solution, qualities, rival or 0.0, truncated)
         if rival is None:
             measures = replace(measures, network_difference=0.0)
-        yield Hypothesis(candidate, settled is not None, closer_scene, solution, qualities, measures, score(measures), found.count, whole)
+        yield Hypothesis(candidate, settled is not None, closer_scene, solution, qualities, measures, score(measures), found.count)
         room = longer
+
+
+def _cut_out_whole(
+    scene: MaskScene, part: Hypothesis, network: SalientObjectNetwork | None, without: Sequence[str], rival: float
+) -> Iterator[Hypothesis]:
+    """Masks of what Segment Anything takes for the whole of an object, if that is more or less. Raises NothingFound where it is nothing."""
+    odds = prompted.see_whole(scene, part.scene, part.solution.guess)
+    if odds is None:
+        return
+    support = scene.place(part.candidate.support)
+    points = part.solution.grid.centres(np.argwhere(part.solution.occupied))
+    whole = find_objects(scene.cameras, support, *scene.focus, odds)
+    number, overlap = find_whole(whole, scene.cameras, points)
+    if overlap < RIGHT_OVERLAP:
+        yield from _cut_out(scene, part.candidate, support, whole, number, odds, network, without, rival)
 
 
 def find_motion(scene: MaskScene, candidate: Candidate) -> str:

@@ -187,43 +187,18 @@ def join_fragments(found: SceneObjects, cameras: Sequence[Camera]) -> SceneObjec
     return replace(found, labels=names[found.labels], ratings=tuple(found.ratings[number - 1] for number in left[1:]))
 
 
-@dataclass(frozen=True)
-class Whole:
-    """What another cue takes for the whole of an object.
+def find_whole(found: SceneObjects, cameras: Sequence[Camera], points: np.ndarray) -> tuple[int, float]:
+    """Of the objects by other log odds, the one that has most of an object's (P, 3) points, and the overlap of both in the median view.
 
-    Attributes:
-        found, number: the objects by that cue, and which of them holds most of the object.
-        odds: (h, w) log odds of it in every view.
-        overlap: of its silhouettes with the object's, in the median view.
+    Raises NothingFound where none has.
     """
-
-    found: SceneObjects
-    number: int
-    odds: Sequence[np.ndarray]
-    overlap: float
-
-
-def find_whole(
-    cameras: Sequence[Camera],
-    support: SceneSupport | None,
-    focus: np.ndarray,
-    distance: float,
-    odds: Sequence[np.ndarray],
-    points: np.ndarray,
-) -> Whole | None:
-    """What has these (h, w) log odds around (P, 3) points of an object; None where nothing has. The other arguments: see `find_objects`."""
-    try:
-        found = find_objects(cameras, support, focus, distance, odds)
-    except NothingFound:
-        return None
     own = found.mark(points)
     shares = np.bincount(found.labels[own], minlength=2)
-    shares[0] = 0
-    if not shares.any():
-        return None
-    number = int(shares.argmax())
+    if not shares[1:].any():
+        raise NothingFound("nothing is where the object is")
+    number = 1 + int(shares[1:].argmax())
     pairs = zip(*(render_silhouettes(found.grid, part, cameras) for part in (own, found.labels == number)), strict=True)
-    return Whole(found, number, odds, float(np.median([compute_overlap(one, other) for one, other in pairs])))
+    return number, float(np.median([compute_overlap(one, other) for one, other in pairs]))
 
 
 def _close_over(shown: np.ndarray) -> np.ndarray:

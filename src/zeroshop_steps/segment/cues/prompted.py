@@ -55,6 +55,7 @@ def see_whole(scene: MaskScene, closer: MaskScene, guess: Guess) -> list[np.ndar
         part = window.scaled(camera.width_px / view.camera.width_px, camera.height_px / view.camera.height_px)
         odds = np.zeros((camera.height_px, camera.width_px), np.float32)
         size_px = part.right - part.left, part.bottom - part.top
-        odds[part.slices] = cv2.resize(MOST_ODDS * see(index)[CHANNELS.index("pointed")], size_px, interpolation=cv2.INTER_AREA)
+        if min(size_px) > 0:  # a window of a large photo may be less than a pixel here
+            odds[part.slices] = cv2.resize(MOST_ODDS * see(index)[CHANNELS.index("pointed")], size_px, interpolation=cv2.INTER_AREA)
         maps.append(odds)
     return maps
