@@ -12,6 +12,7 @@ import argparse
 import contextlib
 import json
 from dataclasses import asdict, fields, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from mask_samples import Truth, mislead, name_object, read_truth, sample, scale_
 from zeroshop_steps.geometry.imaging.images import compute_overlap
 from zeroshop_steps.networks.mobile_sam.model import MobileSam
 from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
+from zeroshop_steps.segment import finder
 from zeroshop_steps.segment.cues import fusion
 from zeroshop_steps.segment.finder import Hypothesis, try_support
 from zeroshop_steps.segment.objects import NothingFound
@@ -35,6 +37,7 @@ from zeroshop_steps.segment.support import propose_supports
 
 HIDDEN_UNITS, EPOCHS, BATCH, RATE, DECAY = 24, 12, 8192, 5e-3, 1e-4
 FOLDS = 5
+PLANES, HYPOTHESES = 2, 6  # of a capture, and on each plane, that are rated
 COMMON_WEIGHT, COMMON_STRENGTH = 5.0, 1.0  # of a measure between 0 and 1; the strength is that of all hypotheses together
 REFUSALS = 5  # of right masks that wrong and accepted ones cost: people see a refusal at once
 
@@ -105,18 +108,21 @@ def fit_cues(args: argparse.Namespace) -> None:
 
 
 def rate_hypotheses(truth: Truth, network: SalientObjectNetwork) -> list[dict[str, Any]]:
-    """The measures of right and wrong masks: on each plane, and with some cues left out; and how they overlap with the truth."""
-    rows = []
-    for number, candidate in enumerate(propose_supports(truth.scene.model, truth.scene.views, truth.scene.planes)):
-        for without in ((), ("network",), ("ground",), ("network", "own_colors"))[: None if number == 0 else 1]:
-            with contextlib.suppress(NothingFound):
-                for found in try_support(truth.scene, candidate, network, without):
-                    rows.append({"measures": asdict(found.measures), "overlap": measure_overlap(found, truth), "without": without})
+    """The measures of the masks that the finder tries, right and wrong ones, and how they overlap with the truth."""
+    rows: list[dict[str, Any]] = []
+    for candidate in islice(propose_supports(truth.scene.model, truth.scene.views, truth.scene.planes), PLANES):
+        with contextlib.suppress(NothingFound):
+            for found in islice(try_support(truth.scene, candidate, network), HYPOTHESES):
+                rows.append(
+                    {"measures": asdict(found.measures), "overlap": measure_overlap(found, truth), "probability": found.score.probability}
+                )
+        if any(row["probability"] >= finder.LEAST for row in rows):
+            break
     return rows
 
 
 def fit_score(args: argparse.Namespace) -> None:
-    """Fit the probability that masks are right, on hypotheses with all cues and without some."""
+    """Fit the probability that masks are right."""
     network, segmenter, rows = SalientObjectNetwork(args.network), MobileSam(args.segmenter), []
     for folder in args.scenes:
         cached = args.cache / f"{folder.name}.json"
@@ -147,16 +153,13 @@ def fit_score(args: argparse.Namespace) -> None:
 
 
 def choose_likeliest(rows: list[dict[str, Any]], probabilities: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of each capture's likeliest masks by all cues: (C,) bool whether they are right, whether they are wrong, and (C,) their probability.
+    """Of each capture's likeliest masks: (C,) bool whether they are right, whether they are wrong, and (C,) their probability.
 
     Between right and wrong masks are poor, and count for neither.
     """
-    captures = np.array([row["capture"] if not row["without"] else "" for row in rows])
-    chosen = [
-        int(place[probabilities[place].argmax()])
-        for name in np.unique(captures[captures != ""])
-        for place in [np.flatnonzero(captures == name)]
-    ]
+    captures = np.array([row["capture"] for row in rows])
+    places = [np.flatnonzero(captures == name) for name in np.unique(captures)]
+    chosen = [int(place[probabilities[place].argmax()]) for place in places]
     overlaps = np.array([rows[index]["overlap"] for index in chosen])
     return overlaps >= mask_scores.RIGHT_OVERLAP, overlaps < WRONG_MEDIAN, probabilities[chosen]
 
