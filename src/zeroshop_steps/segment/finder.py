@@ -104,8 +104,6 @@ def find_masks(
             for hypothesis in try_support(scene, candidate, network, place=place):
                 if best is None or hypothesis.score.probability > best.score.probability:
                     best = hypothesis
-                if best.score.probability >= SURE:
-                    break
         except NothingFound as error:
             failures.append((error, candidate))
         if best is not None and best.score.probability >= LEAST:
@@ -159,10 +157,12 @@ def try_support(
             " of the photos"
         )
     for number in (1, 2)[: 1 if rival < RIVAL else 2]:
-        own = list(_cut_out(scene, candidate, support, found, number, odds, network, without, found.measure_rival(number)))
-        yield from own
+        tried = list(_cut_out(scene, candidate, support, found, number, odds, network, without, found.measure_rival(number)))
         with contextlib.suppress(NothingFound):
-            yield from _cut_out_whole(scene, max(own, key=lambda hypothesis: hypothesis.score.probability), network, without, rival)
+            tried += _cut_out_whole(scene, max(tried, key=lambda hypothesis: hypothesis.score.probability), network, without, rival)
+        yield from tried
+        if max(hypothesis.score.probability for hypothesis in tried) >= SURE:
+            return
     joined = join_fragments(found, scene.cameras)
     if joined is not None:  # what is joined may be the rival, so the doubt stays
         yield from _cut_out(scene, candidate, support, joined, 1, odds, network, without, rival)
