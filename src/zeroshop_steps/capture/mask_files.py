@@ -2,7 +2,6 @@
 
 import contextlib
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,7 +62,7 @@ def read_user_mask(path: Path, photo_path: Path, photo: PhotoPixels, upright: bo
     return UserMask(path, mask, ", ".join(filter(None, (kind, scaled))))
 
 
-def _open_mask(path: Path) -> AbstractContextManager[Image.Image]:
+def _open_mask(path: Path) -> contextlib.AbstractContextManager[Image.Image]:
     """Open a picture, or the (H, W) array of a file by NumPy as one."""
     if path.suffix.lower() != ".npy":
         return open_picture(path)

@@ -14,6 +14,8 @@ from typing import Any
 from zeroshop_steps.runtime.errors import StepError, remedy_for
 from zeroshop_steps.runtime.temporary import PART, temporary_file, temporary_folder
 
+GIT_LFS_POINTER = b"version https://git-lfs"  # the first bytes of what Git leaves in place of a large file
+
 
 @contextlib.contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:

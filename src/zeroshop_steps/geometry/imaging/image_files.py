@@ -8,6 +8,7 @@ from pathlib import Path
 from PIL import Image, UnidentifiedImageError
 
 from zeroshop_steps.runtime.errors import StepError, remedy_for
+from zeroshop_steps.runtime.files import GIT_LFS_POINTER
 
 FORMATS = ("JPEG", "PNG", "MPO")
 """As Pillow calls them; MPO is a JPEG with further pictures behind the first, as phones write it."""
@@ -88,7 +89,7 @@ def check_kind(path: Path) -> None:
         kind = "a folder" if path.is_dir() else "a link that leads nowhere" if path.is_symlink() else "no file"
         raise StepError(f"{path} is {kind}, not a photo; remove it, or put the photo itself there")
     with contextlib.suppress(OSError), path.open("rb") as file:  # what may not be read is told where it is decoded
-        if file.read(32).startswith(b"version https://git-lfs"):
+        if file.read(32).startswith(GIT_LFS_POINTER):
             raise StepError(f"{path} is a pointer of Git LFS, not a photo; fetch the photo itself by git lfs pull")
 
 

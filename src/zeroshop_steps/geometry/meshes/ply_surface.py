@@ -13,11 +13,18 @@ from zeroshop_steps.geometry.meshes.ply_tables import Element, Lists, PlyTables,
 from zeroshop_steps.geometry.meshes.surface_parts import SurfacePart, join_parts
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.files import GIT_LFS_POINTER
 
 CORNERS = ("vertex_indices", "vertex_index")
 TEXTURE_COORDINATES = (("texture_u", "texture_v"), ("s", "t"), ("u", "v"), ("texture_s", "texture_t"))
-COLORS = tuple(tuple(prefix + name for name in ("red", "green", "blue")) for prefix in ("", "diffuse_", "ambient_")) + (("r", "g", "b"),)
-OTHERS = {b"ply": "PLY: name it .ply", b"glTF": "GLB: name it .glb", b"PK": "ZIP: unpack it", b"version https": "Git LFS: git lfs pull"}
+COLORS = (
+    ("red", "green", "blue"),
+    ("diffuse_red", "diffuse_green", "diffuse_blue"),
+    ("ambient_red", "ambient_green", "ambient_blue"),
+    ("r", "g", "b"),
+)
+OTHERS = {b"ply": "PLY: name it .ply", b"glTF": "GLB: name it .glb", b"PK": "ZIP: unpack it", GIT_LFS_POINTER: "Git LFS: git lfs pull"}
+"""Kinds of files by their first bytes, and what to do where the name says another one."""
 LARGEST_TEXTURE_COORDINATE = 1e4
 """Beyond 0 and 1 a texture repeats; so often it never does, and in float32 nothing of the place within the image would be left."""
 TEXTURE_REMARK = re.compile(r"texture_?(?:file|name)\s*[:=]?\s+(.+)", re.IGNORECASE)
