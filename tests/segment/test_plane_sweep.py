@@ -66,3 +66,11 @@ def test_what_is_far_from_the_focus_is_not_raised(cameras):
 def test_a_plain_surface_tells_nothing(cameras):
     raised, elsewhere = sweep_square(cameras, RAISED, 0.0)
     assert np.median(np.abs(raised - elsewhere)) < 0.2
+
+
+def test_a_part_of_a_photo_is_swept_like_the_whole(cameras):
+    grey = np.random.default_rng(1).uniform(20, 236, (40, 40)).astype(np.float32)
+    photos = [shrink(draw(camera, [(0.0, 2.5, grey), (RAISED, 0.5, grey)]), camera) for camera in cameras]
+    part, inner = (slice(30, 120), slice(60, 200)), (slice(4, -4), slice(4, -4))  # at its rim, the windows of the correlation end
+    for whole, alone in zip(sweep(photos, 0, GROUND), sweep(photos, 0, GROUND, part), strict=True):
+        assert np.allclose(whole[part][inner], alone[inner], atol=1e-3)

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
+from zeroshop_steps.geometry.imaging.images import compute_overlap
 from zeroshop_steps.geometry.support.scene_support import SceneSupport
 from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
 from zeroshop_steps.segment.cues import MOST_ODDS
@@ -21,7 +22,7 @@ from zeroshop_steps.segment.outlines.graph_cut import cut_image
 from zeroshop_steps.segment.scene import Guess, Hull, MaskScene
 from zeroshop_steps.segment.support_voxels import Votes, VoxelGrid, carve, count_votes, render_shares, render_silhouettes, splat_voxels
 
-ROUNDS = 3  # the masks hardly change after two
+ROUNDS, SETTLED_OVERLAP = 3, 0.99  # at most; and the overlap of a round's hull with the one before from which on masks hardly change
 FLAT_SHARE, FLAT_VOXELS = 0.06, 2.0
 """Columns no higher than this share of the hull's height, or than so many voxels, are print or shadows on the ground."""
 HIDDEN = 0.03  # around the object, in square roots of its area, the ground is not looked at: its outline is not exact
@@ -72,13 +73,15 @@ def solve(scene: MaskScene, support: SceneSupport | None, block: ObjectBlock, vo
         odds = estimate_odds(scene, guess, without)
         masks = map_in_threads(_cut_within, rooms, odds, scene.images)
         votes = count_votes(block.grid, block.index, scene.cameras, [2 * mask - 1 for mask in masks])
-        occupied, standing = _drop_flat(carve(block.grid, block.index, votes), block.ground_voxel)
+        before, (occupied, standing) = occupied, _drop_flat(carve(block.grid, block.index, votes), block.ground_voxel)
         occupied = _keep_connected(occupied)
         if not occupied.any():
             raise NothingFound(
                 "the masks of the photos have nothing in common; put the object alone on a ground of other colours, do not move it, or draw"
                 " masks and name their folder in objects.tsv"
             )
+        if compute_overlap(before, occupied) >= SETTLED_OVERLAP:
+            break
     return Solution(guess, odds, masks, render_silhouettes(block.grid, occupied, scene.cameras), block.grid, occupied)
 
 

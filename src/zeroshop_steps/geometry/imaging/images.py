@@ -120,7 +120,7 @@ def measure_border_share(mask: np.ndarray) -> float:
 
 
 def compute_overlap(one: np.ndarray, other: np.ndarray) -> float:
-    """Intersection over union of two (H, W) bool masks."""
+    """Intersection over union of two bool arrays of one shape, such as masks."""
     return float((one & other).sum() / max((one | other).sum(), 1))
 
 

@@ -196,9 +196,12 @@ def _measure_flat(scene: MaskScene, solution: Solution, masks: Sequence[np.ndarr
     photos = map_in_threads(shrink, scene.images, scene.cameras)
 
     def count(index: int) -> np.ndarray:
-        raised, elsewhere = sweep(photos, index, ground)
-        mask = cv2.resize(masks[index].astype(np.uint8), raised.shape[::-1], interpolation=cv2.INTER_NEAREST)
+        mask = cv2.resize(masks[index].astype(np.uint8), photos[index].grey.shape[::-1], interpolation=cv2.INTER_NEAREST)
         inner = cv2.erode(mask, np.ones((WINDOW_PX + 2,) * 2)) > 0
+        if not inner.any():
+            return np.zeros(3, int)
+        part = ndimage.find_objects(mask)[0]
+        inner, (raised, elsewhere) = inner[part], sweep(photos, index, ground, part)
         told = [inner & (one > SURE_CORRELATION) & (one - other > AHEAD) for one, other in ((elsewhere, raised), (raised, elsewhere))]
         return np.array([part.sum() for part in (*told, inner)])
 

@@ -39,10 +39,12 @@ def shrink(image: np.ndarray, camera: Camera) -> SweptPhoto:
     return SweptPhoto(grey, small, *_measure_windows(grey))
 
 
-def sweep(photos: Sequence[SweptPhoto], index: int, ground: SceneSupport) -> tuple[np.ndarray, np.ndarray]:
-    """(h, w) float32 each, 0 to 1: how well a photo correlates with its neighbours by planes near the focus above the ground, and by all
-    others: at the ground's height, below it, or far away."""
-    own, others = photos[index], _choose_neighbours(photos, index, ground.focus)
+def sweep(
+    photos: Sequence[SweptPhoto], index: int, ground: SceneSupport, part: tuple[slice, slice] = (slice(None), slice(None))
+) -> tuple[np.ndarray, np.ndarray]:
+    """(h, w) float32 each, 0 to 1: how well this part of a photo correlates with its neighbours by planes near the focus above the ground,
+    and by all others: at the ground's height, below it, or far away."""
+    own, others = _crop(photos[index], part), _choose_neighbours(photos, index, ground.focus)
     nearest, reach, rise, above = _measure_rays(own.camera, ground, NEAR * ground.distance)
     raised, elsewhere = np.zeros((2, *own.grey.shape), np.float32)
     for height in HEIGHTS * ground.distance:
@@ -53,6 +55,12 @@ def sweep(photos: Sequence[SweptPhoto], index: int, ground: SceneSupport) -> tup
         flat = height <= FLAT * ground.distance
         np.maximum(elsewhere, correlation if flat else np.where(near, 0, correlation), out=elsewhere)
     return raised, elsewhere
+
+
+def _crop(photo: SweptPhoto, part: tuple[slice, slice]) -> SweptPhoto:
+    (top, bottom, _), (left, right, _) = (rows.indices(length) for rows, length in zip(part, photo.grey.shape, strict=True))
+    camera = photo.camera.cropped(left, top, right - left, bottom - top)
+    return SweptPhoto(photo.grey[part], camera, photo.mean[part], photo.deviation[part])
 
 
 def _measure_windows(grey: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
