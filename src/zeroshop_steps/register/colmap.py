@@ -17,6 +17,8 @@ from zeroshop_steps.register.camera_proposals import Proposer, propose
 from zeroshop_steps.register.features.sift import SiftOptions, extract_features, find_focal_source, fit_to_count, refine
 from zeroshop_steps.register.features.static_marks import StaticMarks, find_static_marks
 from zeroshop_steps.register.features.tilted_features import VERTICAL, add_tilted_features, find_foreshortened, find_weak_images
+from zeroshop_steps.register.image_sequence import are_in_order, keep_sequence
+from zeroshop_steps.register.mapping.mapper import make_mapping_options
 from zeroshop_steps.register.matching.pair_selection import choose_name_pairs
 from zeroshop_steps.register.matching.turntable import TURNTABLE_REMEDY, measure_stationary, verify_without_stationary
 from zeroshop_steps.register.matching.verified_matches import match_features
@@ -105,12 +107,27 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions, match: Matc
 
 def make_proposers(image_set: ImageSet, options: ColmapOptions, scratch: Path, match: Match | None = None) -> list[Proposer]:
     """What registers a scene, or the object alone; then what mends it. The database is kept in `scratch`; the rest is as for `register`."""
-    database = scratch / "database.db"
+    database, graphs = scratch / "database.db", list[ViewGraph]()
+
+    def match_first(*args: Any) -> ViewGraph:
+        graphs.append((match or match_images)(*args))
+        return graphs[-1]
 
     def reconstruct_by(sift: SiftOptions, out: Path) -> dict[str, Any]:
         own = replace(options, sift=sift)
         record = Record.begin("colmap", image_set, own, pycolmap)
-        return dict(match_and_reconstruct(image_set, out, database, own, record, match=match).entries)
+        return dict(match_and_reconstruct(image_set, out, database, own, record, match=match_first).entries)
+
+    def keep_order(copy: Path, *_: Any) -> ViewGraph:
+        """The same matches but for those that contradict the order of the images."""
+        mapper = make_mapping_options(options.structure.min_images, options.structure.seed)
+        return replace(graphs[-1], pairs=tuple(keep_sequence(database, copy, image_set.images[0].parent, mapper)))
+
+    def register_in_order(out: Path, _: RegistrationFailed | None) -> dict[str, Any]:
+        record = Record.begin("colmap", image_set, options, pycolmap)
+        with scratch_directory(out, "order") as own:
+            copy = own / database.name
+            return dict(match_and_reconstruct(image_set, out, copy, options, record, match=keep_order, all_matches=database).entries)
 
     def register_first(out: Path, _: RegistrationFailed | None) -> dict[str, Any]:
         return reconstruct_by(fit_to_count(options.sift, len(image_set.images)), out)
@@ -128,10 +145,13 @@ def make_proposers(image_set: ImageSet, options: ColmapOptions, scratch: Path, m
         """Whether too few images matched, by features that were not the finest."""
         return isinstance(failure, TooFewRegistered) and find_finer(failure) is not None
 
+    def may_unfold(failure: RegistrationFailed) -> bool:
+        return isinstance(failure, DuplicateStructure) and are_in_order(database)
+
     proposers = [Proposer("colmap", register_first)]
     if match is None:
         proposers.append(Proposer("finer features", register_finer, may_mend))
-    return proposers
+    return [*proposers, Proposer("order of the images", register_in_order, may_unfold)]
 
 
 def match_and_reconstruct(
@@ -142,6 +162,7 @@ def match_and_reconstruct(
     record: Record,
     start: Start | None = None,
     match: Match | None = None,
+    all_matches: Path | None = None,
 ) -> Record:
     """Fill a new database with matches and register by them.
 
@@ -150,6 +171,7 @@ def match_and_reconstruct(
         database: to write.
         record: that was begun; it is completed.
         start: gives a model of the matches to begin with.
+        all_matches: as for `reconstruct`.
     """
     structure = options.structure
     graph = (match or match_images)(database, image_set, options, record.stopwatch)
@@ -161,7 +183,17 @@ def match_and_reconstruct(
             raise failure.after(record) from None
         record = record.add(**found)
     try:
-        done = reconstruct(database, image_set, out, structure, record, graph.may_match(), structure.object_only, first)
+        done = reconstruct(
+            database,
+            image_set,
+            out,
+            structure,
+            record,
+            graph.may_match(),
+            structure.object_only,
+            first,
+            all_matches,
+        )
         _check_spread(out, done, graph)
         return done
     except RegistrationFailed as failure:

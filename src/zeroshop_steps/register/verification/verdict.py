@@ -55,6 +55,7 @@ MEASURES = {
     "cut": Measure("weakest cut of the view graph", "the photos are held together loosely", kind=RegistrationFailed),
     "deviation": Measure("camera deviation", "the photos hold the cameras loosely"),
     "jump": Measure("path of a film", WRONG, FILM),
+    "order": Measure("order of the images", FOLDED, kind=DuplicateStructure),
     "loop_gap": Measure("loop gap", FOLDED, kind=DuplicateStructure),
     "covisibility": Measure("covisibility of neighbours", FOLDED, kind=DuplicateStructure),
     "correspondences": Measure("missing correspondences", FOLDED, kind=DuplicateStructure),
