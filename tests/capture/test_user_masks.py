@@ -263,6 +263,7 @@ def cut_out(shoot, index, suffix, **options):
         photo, options = made, {"transparency": 255}
     else:
         photo.putalpha(Image.fromarray(shoot.disk().astype(np.uint8) * 255))
+        options |= {"speed": 10} if suffix == ".avif" else {}
     shoot.image(index).unlink()
     photo.save(shoot.images / f"IMG_{index:04d}{suffix}", **options)
 
