@@ -90,6 +90,34 @@ def test_a_texture_of_mtl_is_named_in_many_ways(tmp_path: Path, line: str) -> No
     assert (read_mesh(tmp_path / "a.obj").texture == (200, 100, 50)).all()
 
 
+TEXTURED_PLY = (
+    "ply\nformat ascii 1.0\ncomment TextureFile {}\nelement vertex 3\n"
+    + "".join(f"property float {name}\n" for name in "xyzst")
+    + "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 0 0\n90 0 0 1 0\n0 90 0 0 1\n3 0 1 2\n"
+)
+TEXTURED_OBJ = "mtllib a.mtl\nusemtl x\nv 0 0 0\nv 90 0 0\nv 0 90 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+
+
+@pytest.mark.parametrize("mesh", ["a.ply", "a.obj"])
+@pytest.mark.parametrize(
+    ("name", "mode", "options"),
+    [("a.tga", "RGBA", {}), ("a.dds", "RGB", {"pixel_format": "DXT1"}), ("a.webp", "RGB", {}), ("a.jpg", "CMYK", {}), ("a.png", "I;16", {}),
+     ("a.tif", "F", {})],
+)  # fmt: skip
+def test_textures_of_many_formats_are_read(tmp_path: Path, mesh: str, name: str, mode: str, options: dict) -> None:
+    """Levels of 16 bits become levels of 8; floating ones, whose range nobody says, are refused."""
+    levels = {"I;16": np.full((8, 8), 120 * 257, np.uint16), "F": np.full((8, 8), 0.5, np.float32)}
+    image = Image.fromarray(levels[mode]) if mode in levels else Image.new("RGB", (8, 8), (120, 120, 120)).convert(mode)
+    image.save(tmp_path / name, **options)
+    (tmp_path / "a.mtl").write_text(f"newmtl x\nmap_Kd {name}\n")
+    (tmp_path / mesh).write_text(TEXTURED_PLY.format(name) if mesh == "a.ply" else TEXTURED_OBJ)
+    if mode == "F":
+        with pytest.raises(StepError, match=r"texture .*a\.tif of mesh .* of a kind that is not read, .* floats; export it as PNG"):
+            read_mesh(tmp_path / mesh)
+    else:
+        assert np.abs(read_mesh(tmp_path / mesh).texture.astype(int) - 120).max() <= 4
+
+
 def test_a_line_names_several_materials(tmp_path: Path) -> None:
     for name, color in (("a", (200, 100, 50)), ("b", (0, 90, 200))):
         Image.new("RGB", (8, 8), color).save(tmp_path / f"{name}.png")

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.imaging.images import write_image
-from zeroshop_steps.geometry.meshes.ply_surface import find_beside, find_textures, read_ply, require_mesh_file
+from zeroshop_steps.geometry.imaging.image_files import any_size, to_rgb
+from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES, write_image
+from zeroshop_steps.geometry.meshes.ply_surface import find_beside, find_textures, read_ply, read_texture, require_mesh_file
 from zeroshop_steps.geometry.meshes.surface_parts import SurfacePart, join_parts, with_texture
 from zeroshop_steps.geometry.meshes.triangle_meshes import OBJECT_SIZES_M, Mesh, write_ply
 from zeroshop_steps.geometry.meshes.units import MM_PER_M
@@ -84,11 +85,11 @@ def list_mesh_files(path: Path) -> list[Path]:
 
 
 def write_copy(source: Path, mesh: Mesh, folder: Path) -> None:
-    """Write a mesh that was read from a file, and perhaps moved, as model.ply with a texture: a PLY's only image as it is, else a PNG."""
+    """Write a mesh that was read, and perhaps moved, as model.ply with a texture: a PLY's only PNG or JPEG as it is, or a PNG."""
     images = find_textures(source) if source.suffix.lower() == ".ply" and mesh.is_textured else []
-    mesh = with_texture(mesh)
-    target = folder / f"model{images[0].suffix.lower() if len(images) == 1 else '.png'}"
-    if len(images) == 1:
+    mesh, kept = with_texture(mesh), len(images) == 1 and images[0].suffix.lower() in IMAGE_SUFFIXES
+    target = folder / f"model{images[0].suffix.lower() if kept else '.png'}"
+    if kept:
         shutil.copyfile(images[0], target)
     else:
         write_image(target, mesh.texture_image)
@@ -121,7 +122,8 @@ def _read_parts(path: Path) -> list[SurfacePart]:
     content = _scale_colors(content) if kind == "obj" else content
     if kind == "off" and content[:4] in (b"COFF", b"CNOF"):
         warn(f"mesh {path} has colours, which are not read of OFF, and is used without them; export it as PLY")
-    scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=files, process=False, group_material=True)
+    with any_size():
+        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=files, process=False, group_material=True)
     if files.refused:
         raise files.refused[0]
     parts = [_to_part(one) for one in scene.dump() if isinstance(one, trimesh.Trimesh) and len(one.faces)]
@@ -184,21 +186,11 @@ class _FolderFiles(Mapping):
                 parts = re.split(rb"(?im)^(?=\s*newmtl\b)", content)
                 return b"".join(part if DIFFUSE.search(part) else AMBIENT.sub(b"map_Kd", part) for part in parts)
             if found.suffix.lower() != ".bin":
-                _check_texture(self.path, found, content)
+                read_texture(self.path, found, content)  # where it cannot be read, trimesh would go on without it
         except StepError as error:
             self.refused.append(error)
             raise
         return content
-
-
-def _check_texture(path: Path, texture: Path, content: bytes) -> None:
-    """Raise StepError where a texture cannot be read, without which trimesh would go on."""
-    from PIL import Image
-
-    try:
-        Image.open(io.BytesIO(content)).load()
-    except (OSError, SyntaxError, ValueError):
-        raise StepError(f"texture {texture} of mesh {path} is empty, damaged or no image; export it as PNG or JPEG") from None
 
 
 def _to_part(loaded: Any) -> SurfacePart:
@@ -223,7 +215,7 @@ def _to_part(loaded: Any) -> SurfacePart:
     if image is None and (glow := getattr(material, "emissiveTexture", None)) is not None:  # there is no other colour
         image, tint = glow, np.ones(3)
     if image is not None and visual.uv is not None:
-        texture = np.asarray(image.convert("RGB"))
+        texture = to_rgb(image)
         # The diffuse colour of MTL is often left black beside a texture; glTF's factor multiplies it.
         if hasattr(material, "baseColorTexture") and (tint < 1).any():
             texture = np.rint(texture * tint).astype(np.uint8)
