@@ -183,7 +183,7 @@ def test_a_real_film_with_one_frame_less_than_counted_is_taken_in_silence(shared
     assert len(scan_video(path).changes) == 141 and not capsys.readouterr().err
 
 
-@pytest.mark.parametrize("suffix", [".3gp", ".MTS", ".m2ts", ".mpg", ".m4v"])
+@pytest.mark.parametrize("suffix", [".3gp", ".MTS", ".m2ts", ".mpg", ".m4v", ".wmv"])
 def test_films_of_phones_and_camcorders_are_read(tmp_path, suffix):
     path = film(tmp_path / f"film{suffix}", np.linspace(0, 300, 20))
     assert len(scan_video(path).changes) == 20

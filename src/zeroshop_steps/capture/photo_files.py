@@ -169,7 +169,7 @@ def read_cut_out(image: Image.Image) -> np.ndarray | None:
         opacity = image.convert("RGBA").getchannel("A")
     else:
         return None
-    opaque: np.ndarray = np.asarray(opacity) >= 128
+    opaque: np.ndarray = np.asarray(opacity) > np.asarray(opacity).max() / 2  # some programs write 1 of 255
     return None if opaque.all() or not opaque.any() else opaque
 
 

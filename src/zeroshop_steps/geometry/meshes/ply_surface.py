@@ -121,7 +121,7 @@ def _by_texture(whole: SurfacePart, numbers: np.ndarray | None, textures: list[P
             f"mesh {path} names {len(textures)} textures, but no texnumber says which faces have which; {textures[0].name} is drawn on all"
         )
     if numbers is None or (len(textures) == 1 and not (numbers < 0).any()):
-        return [_textured(whole, _read_image(path, textures[0]))]
+        return [_textured(whole, read_texture(path, textures[0]))]
     if numbers.max() >= len(textures):
         raise StepError(
             f"mesh {path} has faces of texture {numbers.max()}, but names {len(textures)} textures, counted from 0; export it again"
@@ -131,7 +131,7 @@ def _by_texture(whole: SurfacePart, numbers: np.ndarray | None, textures: list[P
         faces = np.maximum(numbers, -1) == number
         corner_uv, colors = (None if values is None else values[faces] for values in (whole.corner_uv, whole.face_colors))
         part = SurfacePart(replace(whole.surface, faces=whole.surface.faces[faces]), corner_uv, colors)
-        parts.append(_textured(part, _read_image(path, textures[number])) if number >= 0 else part)
+        parts.append(_textured(part, read_texture(path, textures[number])) if number >= 0 else part)
     return parts
 
 
@@ -139,14 +139,12 @@ def _textured(part: SurfacePart, texture: np.ndarray) -> SurfacePart:
     return SurfacePart(replace(part.surface, texture=texture), part.corner_uv, part.face_colors)
 
 
-def _read_image(path: Path, texture: Path) -> np.ndarray:
-    return read_image(texture) if texture.suffix.lower() in IMAGE_SUFFIXES else read_texture(path, texture, texture.read_bytes())
-
-
-def read_texture(path: Path, texture: Path, content: bytes) -> np.ndarray:
+def read_texture(path: Path, texture: Path, content: bytes | None = None) -> np.ndarray:
     """(H, W, 3) uint8 RGB of a mesh's texture of any kind that Pillow reads, such as TGA and DDS. Raises StepError for others."""
+    if content is None and texture.suffix.lower() in IMAGE_SUFFIXES:
+        return read_image(texture)
     try:
-        with any_size(), Image.open(io.BytesIO(content)) as image:
+        with any_size(), Image.open(io.BytesIO(texture.read_bytes() if content is None else content)) as image:
             if image.mode == "F":
                 raise ValueError
             return to_rgb(image)
