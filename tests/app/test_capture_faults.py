@@ -18,7 +18,7 @@ SIZE = (320, 240)
 
 
 @functools.cache
-def print_of(seed, side=900, cell=6):
+def print_of(seed, side=900, cell=8):
     """A texture as of a newspaper."""
     cells = np.random.default_rng(seed).integers(0, 255, (side // cell, side // cell, 3), dtype=np.uint8)
     return cv2.resize(cells, (side, side), interpolation=cv2.INTER_CUBIC)
@@ -37,7 +37,7 @@ def see_table(azimuth_deg, elevation_deg=50.0):
         )
         corner = np.array([[1, 0, -side / 2], [0, 1, -side / 2], [0, 0, 1.0]])
         warp = intrinsics @ plane @ corner
-        cv2.warpPerspective(print_of(seed, side), warp, SIZE, dst=image, borderMode=cv2.BORDER_TRANSPARENT)
+        cv2.warpPerspective(print_of(seed, side, 10), warp, SIZE, dst=image, borderMode=cv2.BORDER_TRANSPARENT)
     return image
 
 
