@@ -170,7 +170,7 @@ def test_photos_of_the_object_on_black_are_masks_and_those_on_what_they_show_are
     assert taken(shoot) > 0.95
     assert "9 of 9 masks are taken as photos of the object on black" in capsys.readouterr().err
     Image.fromarray(np.where(shoot.disk()[..., None], photo, photo // 3)).save(shoot.mask(3).with_suffix(suffix))
-    with pytest.raises(StepError, match=rf"IMG_0003\{suffix} has the colours of a photo: make it white on the object"):
+    with pytest.raises(StepError, match=rf"IMG_0003\{suffix} has the colours of a photo; make it white on the object"):
         taken(shoot)
 
 

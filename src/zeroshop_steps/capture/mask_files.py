@@ -105,9 +105,7 @@ def _find_object(image: Image.Image, path: Path, photo_path: Path) -> tuple[np.n
         pixels = colors.max(2)
         if _is_photo(colors):
             if np.median(np.concatenate([pixels[[0, -1]].ravel(), pixels[:, [0, -1]].ravel()])) > DARK:
-                raise StepError(
-                    f"mask {path} has the colours of a photo: make it white on the object and black elsewhere; is it the photo itself?"
-                )
+                raise StepError(f"mask {path} has the colours of a photo; make it white on the object, black elsewhere: is it the photo?")
             return pixels > (0 if image.format in LOSSLESS else DARK), "photos of the object on black"
         if 2 * int(pixels.min()) >= int(pixels.max()) > 0 and (marked := _part_by_place(colors)) is not None:
             return marked, "colours of equal brightness, the one at the border the background"
