@@ -9,6 +9,7 @@ from helpers.small_bodies import make_box, write_product
 from zeroshop_steps.assets.body import find_mass
 from zeroshop_steps.assets.body_files import read_body
 from zeroshop_steps.assets.convex_parts import split_convex
+from zeroshop_steps.geometry.imaging.images import read_image
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 
@@ -24,7 +25,7 @@ def test_a_measured_mass_is_taken_as_it_is_and_a_density_says_how_sure_it_is(cap
 def test_a_mass_in_grams_is_noticed():
     with pytest.raises(StepError, match=r"a\.ply would weigh 600 kg.*masses are in kilograms"):
         find_mass(0.001, 600.0, None, 2.2, "a.ply")
-    with pytest.raises(StepError, match=r"1 cm\^3, so 0\.6 kg would be 6e\+05 kg/m\^3.*lengths in metres"):
+    with pytest.raises(StepError, match=r"1 cm\^3, so 0\.6 kg would be 6e\+05 kg/m\^3.*meshes in millimetres"):
         find_mass(1e-6, 0.6, None, 2.2, "a.ply")
 
 
@@ -67,3 +68,26 @@ def test_a_body_that_lacks_a_part_and_one_elsewhere_are_refused(tmp_path):
     (tmp_path / "2dgs.body/part_00.obj").unlink()
     with pytest.raises(StepError, match=r"2dgs\.body lacks part_00\.obj"):
         read_body(tmp_path / "2dgs.body")
+
+
+@pytest.mark.parametrize(
+    ("suffix", "colors"), [(".stl", ""), (".ply", "vertex_colors"), (".glb", "vertex_colors"), (".ply", "face_colors")]
+)
+def test_models_of_others_become_bodies_without_a_record(tmp_path, suffix, colors):
+    """Where the unit is said to be the millimetre: grey, or with the model's colours as a texture."""
+    from pxr import Usd
+
+    shape = make_box()
+    if colors:
+        count = len(shape.vertices if colors == "vertex_colors" else shape.faces)
+        setattr(shape.visual, colors, np.tile(np.uint8([200, 30, 40, 255]), (count, 1)))
+    shape.export(tmp_path / f"cad{suffix}")
+    body = tmp_path / "cad.body"
+    assert step("assets", "body", mesh=tmp_path / f"cad{suffix}", unknown_scale="millimetres", mass_kg=0.1, out=body) == 0
+    assert read_body(body).facts["scale"] == "assumed"
+    assert (body / "texture.png").is_file() == ("map_Kd" in (body / "visual.mtl").read_text()) == bool(colors)
+    if colors:
+        assert np.abs(read_image(body / "texture.png").astype(int) - [200, 30, 40]).max() <= 1
+    assert step("assets", "usd", body=body, out=tmp_path / "cad.usda") == 0
+    stage = Usd.Stage.Open(str(tmp_path / "cad.usda"))
+    assert bool(stage.GetPrimAtPath(f"{stage.GetDefaultPrim().GetPath()}/Looks/surface/texture")) == bool(colors)

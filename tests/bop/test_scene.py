@@ -86,15 +86,18 @@ def test_a_bad_scene_is_refused(dataset, name):
     assert file in str(error.value)
 
 
-def test_zeros_before_numbers_and_rows_of_matrices_do_not_matter(dataset):
+def test_zeros_before_numbers_points_behind_them_and_rows_of_matrices_do_not_matter(dataset):
     def as_others(content):
         for entry in [one for found in content.values() for one in (found if isinstance(found, list) else [found])]:
             for key in {"cam_K", "cam_R_m2c"} & set(entry):
                 entry[key] = np.reshape(entry[key], (3, 3)).tolist()
+            entry |= {"obj_id": float(entry["obj_id"])} if "obj_id" in entry else {}
         return {f"{int(number):06d}": found for number, found in content.items()}
 
     for name in ("scene_camera.json", "scene_gt.json"):
-        changed(dataset.scenes / "000001" / name, as_others)
+        path = dataset.scenes / "000001" / name
+        changed(path, as_others)
+        path.write_text(path.read_text(), encoding="utf-8-sig")
     for path in sorted((dataset.scenes / "000001").glob("*/*.png")):
         path.rename(path.with_stem("_".join(str(int(number)) for number in path.stem.split("_"))))
     frame, before = dataset_in(dataset.folder).frames[1, 1], dataset.frames[1, 1]

@@ -14,7 +14,7 @@ ORIGINAL = "IMG_0003.jpg"
 ENCODINGS = {
     "compressed.jpg": {"quality": 10},
     "worst.jpg": {"quality": 3},
-    "enlarged.png": {"scale": 2.0},
+    "enlarged.png": {"scale": 1.5},
     "enlarged.jpg": {"scale": 1.5, "quality": 80},
     "whatsapp.jpeg": {"quality": 70, "scale": 0.25},
     "web.webp": {"quality": 60, "scale": 0.5},

@@ -27,7 +27,7 @@ def taken(shoot: Shoot) -> float:
 @pytest.mark.parametrize(
     "name",
     ["{stem}.PNG", "{stem}_mask.png", "{stem}.mask.png", "{name}", "mask_{stem}.png", "{name}.png", "{stem}.tif", "{name}_seg.webp",
-     "{lower}-Mask.png", "mask_{number}.png", "{number}.bmp", "object-{name}.mask.PNG", "{stem}_mask.gif"],
+     "{lower}-Mask.png", "mask_{number}.png", "{number}.bmp", "object-{name}.mask.PNG", "{stem}_mask.gif", "{stem}.pgm"],
 )  # fmt: skip
 def test_masks_are_found_by_one_scheme_of_names(tmp_path, name):
     shoot = Shoot(tmp_path, 9)
@@ -161,11 +161,26 @@ def test_masks_of_any_two_levels_are_taken(shoot, kind, capsys):
     assert (f"9 of 9 masks are taken as {said}" in told) if said else ("masks are taken as" not in told)
 
 
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_photos_of_the_object_on_black_are_masks_and_those_on_what_they_show_are_none(shoot, suffix, capsys):
+    for index in range(9):
+        photo = np.asarray(Image.open(shoot.image(index))) // 2 + 40
+        shoot.mask(index).unlink()
+        Image.fromarray(np.where(shoot.disk()[..., None], photo, 0)).save(shoot.mask(index).with_suffix(suffix))
+    assert taken(shoot) > 0.95
+    assert "9 of 9 masks are taken as photos of the object on black" in capsys.readouterr().err
+    Image.fromarray(np.where(shoot.disk()[..., None], photo, photo // 3)).save(shoot.mask(3).with_suffix(suffix))
+    with pytest.raises(StepError, match=rf"IMG_0003\{suffix} has the colours of a photo; make it white on the object"):
+        taken(shoot)
+
+
 @pytest.mark.parametrize(("on", "kind"), [(1, bool), (1, np.uint8), (255, np.uint8)])
 def test_masks_are_arrays_of_numpy(shoot, on, kind):
     for index in range(9):
         shoot.mask(index).unlink()
-        np.save(shoot.mask(index).with_suffix(".npy"), np.where(shoot.disk(), on, 0).astype(kind))
+        np.save(
+            shoot.mask(index).with_suffix(".npy"), np.where(shoot.disk(), on, 0).astype(kind).reshape((HEIGHT, WIDTH, 1)[: 2 + index % 2])
+        )
     assert taken(shoot) > 0.99
 
 
@@ -262,7 +277,8 @@ def cut_out(shoot, index, suffix, **options):
         made.putpalette(photo.getpalette()[: 255 * 3] + [0, 0, 0])
         photo, options = made, {"transparency": 255}
     else:
-        photo.putalpha(Image.fromarray(shoot.disk().astype(np.uint8) * 255))
+        photo.putalpha(Image.fromarray(shoot.disk().astype(np.uint8) * (1 if suffix == ".tif" else 255)))  # as some programs write it
+        options |= {"speed": 10} if suffix == ".avif" else {}
     shoot.image(index).unlink()
     photo.save(shoot.images / f"IMG_{index:04d}{suffix}", **options)
 

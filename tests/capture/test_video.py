@@ -183,7 +183,7 @@ def test_a_real_film_with_one_frame_less_than_counted_is_taken_in_silence(shared
     assert len(scan_video(path).changes) == 141 and not capsys.readouterr().err
 
 
-@pytest.mark.parametrize("suffix", [".3gp", ".MTS", ".m2ts", ".mpg", ".m4v"])
+@pytest.mark.parametrize("suffix", [".3gp", ".MTS", ".m2ts", ".mpg", ".m4v", ".wmv"])
 def test_films_of_phones_and_camcorders_are_read(tmp_path, suffix):
     path = film(tmp_path / f"film{suffix}", np.linspace(0, 300, 20))
     assert len(scan_video(path).changes) == 20
@@ -191,7 +191,7 @@ def test_films_of_phones_and_camcorders_are_read(tmp_path, suffix):
 
 @pytest.mark.parametrize("duration_ms", [0, 40])
 def test_an_animated_gif_is_a_film(tmp_path, duration_ms):
-    frames = [Image.fromarray(frame) for frame in read_frames(film(tmp_path / "film.avi", np.linspace(0, 300, 12)))]
+    frames = [Image.fromarray(frame[::3, ::3]) for frame in read_frames(film(tmp_path / "film.avi", np.linspace(0, 300, 12)))]
     frames[0].save(tmp_path / "film.gif", save_all=True, append_images=frames[1:], duration=duration_ms)
     assert len(scan_video(tmp_path / "film.gif").changes) == 12
 

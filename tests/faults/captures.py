@@ -87,7 +87,9 @@ FAULTS = [
         ),
     ),
     Fault(
-        "photos as masks", masks_as("{stem}.png", read_image), (r"mask .*0\.png has levels from", "two levels", "is it the photo itself")
+        "photos as masks",
+        masks_as("{stem}.png", read_image),
+        (r"mask .*0\.png has the colours of a photo", "white on the object", "is it the photo"),
     ),
     Fault(
         "no photo is cut out", no_own_masks, (r"0\.jpg is given as its own mask", "nothing in it is transparent", "remove its background")

@@ -81,13 +81,41 @@ SQUARE = "v 0 0 0\nv 90 0 0\nv 90 90 0\nvt 0 0\nvt 1 0\nvt 1 1\n{}f 1/1 2/2 3/3\
 @pytest.mark.parametrize(
     "line",
     ["map_Kd t.png", "map_Kd -clamp on T.PNG", "map_Kd -s 1 1 1 -o 0.0 0.0 t.png", r"map_Kd .\t.png", "map_Ka t.png",
-     "map_Ka none.png\nmap_Kd t.png"],
+     "map_Ka none.png\nmap_Kd t.png", 'map_Kd "t.png"', "map_Kd -mm 0 1 -colorspace sRGB t.png"],
 )  # fmt: skip
 def test_a_texture_of_mtl_is_named_in_many_ways(tmp_path: Path, line: str) -> None:
     Image.new("RGB", (8, 8), (200, 100, 50)).save(tmp_path / "t.png")
     (tmp_path / "a.mtl").write_text(f"newmtl x\nKd 0 0 0\n{line}\n", encoding="utf-8-sig")
     (tmp_path / "a.obj").write_text("mtllib a.mtl\n" + SQUARE.format("usemtl x\n"), encoding="utf-8-sig")
     assert (read_mesh(tmp_path / "a.obj").texture == (200, 100, 50)).all()
+
+
+TEXTURED_PLY = (
+    "ply\nformat ascii 1.0\ncomment TextureFile {}\nelement vertex 3\n"
+    + "".join(f"property float {name}\n" for name in "xyzst")
+    + "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 0 0\n90 0 0 1 0\n0 90 0 0 1\n3 0 1 2\n"
+)
+TEXTURED_OBJ = "mtllib a.mtl\nusemtl x\nv 0 0 0\nv 90 0 0\nv 0 90 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+
+
+@pytest.mark.parametrize("mesh", ["a.ply", "a.obj"])
+@pytest.mark.parametrize(
+    ("name", "mode", "options"),
+    [("a.tga", "RGBA", {}), ("a.dds", "RGB", {"pixel_format": "DXT1"}), ("a.webp", "RGB", {}), ("a.jpg", "CMYK", {}), ("a.png", "I;16", {}),
+     ("a.tif", "F", {})],
+)  # fmt: skip
+def test_textures_of_many_formats_are_read(tmp_path: Path, mesh: str, name: str, mode: str, options: dict) -> None:
+    """Levels of 16 bits become levels of 8; floating ones, whose range nobody says, are refused."""
+    levels = {"I;16": np.full((8, 8), 120 * 257, np.uint16), "F": np.full((8, 8), 0.5, np.float32)}
+    image = Image.fromarray(levels[mode]) if mode in levels else Image.new("RGB", (8, 8), (120, 120, 120)).convert(mode)
+    image.save(tmp_path / name, **options)
+    (tmp_path / "a.mtl").write_text(f"newmtl x\nmap_Kd {name}\n")
+    (tmp_path / mesh).write_text(TEXTURED_PLY.format(name) if mesh == "a.ply" else TEXTURED_OBJ)
+    if mode == "F":
+        with pytest.raises(StepError, match=r"texture .*a\.tif of mesh .* of a kind that is not read, .* floats; export it as PNG"):
+            read_mesh(tmp_path / mesh)
+    else:
+        assert np.abs(read_mesh(tmp_path / mesh).texture.astype(int) - 120).max() <= 4
 
 
 def test_a_line_names_several_materials(tmp_path: Path) -> None:
@@ -174,8 +202,10 @@ def test_faces_of_no_known_material_are_plain_and_told(tmp_path: Path, lines: st
         ("b.obj", f"mtllib b.mtl\n{TRIANGLE}vt 0 0\nf 1/1 2/1 3/1\n", r"b\.obj names the file .*secret\.png, which is outside"),
         ("c.obj", f"mtllib none.mtl\n{TRIANGLE}f 1 2 3\n", r"c\.obj names none\.mtl, but .* does not exist"),
         ("z.obj", "mtllib z.mtl\n" + SQUARE.format("usemtl x\n"), r"texture .*empty\.png of mesh .*z\.obj is empty, damaged"),
-        ("s.obj", "mtllib s.mtl\n" + SQUARE.format("usemtl x\n"), r"s\.obj moves or scales its texture, .*: -s 2 2 1 empty\.png"),
+        ("s.obj", "mtllib s.mtl\n" + SQUARE.format("usemtl x\n"), r"s\.obj changes its texture by options, .*: -s 2 2 1 empty\.png"),
         ("t.obj", "mtllib z.mtl none.mtl\n" + SQUARE.format(""), r"t\.obj names none\.mtl, but .* does not exist"),
+        ("u.obj", f"{TRIANGLE}f 0 1 2\n", r"u\.obj has a face of vertex 0, but OBJ counts from 1"),
+        ("d.stl", "a header", r"d\.stl has no faces, or is cut off"),
         ("d.obj", "v 0 0 0\nv 9 0 0\n", r"d\.obj has no faces"),
         ("e.obj", "", r"e\.obj"),
         ("f.glb", "no glTF", r"f\.glb cannot be read as glTF"),
@@ -206,6 +236,19 @@ def test_gltf_leads_nowhere_else(tmp_path: Path, uri: str) -> None:
     change_gltf(path, buffers=[facts["buffers"][0] | {"uri": uri}])
     with pytest.raises(StepError, match=r"box\.gltf names .*(outside its folder|does not exist)"):
         read_mesh(path)
+
+
+def test_a_second_set_of_texture_coordinates_is_refused(tmp_path: Path) -> None:
+    look = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": 1}}}
+    with pytest.raises(StepError, match="uses a second set of texture coordinates, which is not read"):
+        read_mesh(change_gltf(tmp_path / "a.gltf", materials=[look]))
+
+
+def test_colours_of_off_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for colors in ("", " 255 0 0"):
+        (tmp_path / "a.off").write_text(f"OFF\n3 1 0\n0 0 0\n90 0 0\n0 90 0\n3 0 1 2{colors}\n")
+        assert len(read_mesh(tmp_path / "a.off").faces) == 1
+        assert ("a.off has colours, which are not read of OFF" in capsys.readouterr().err) == bool(colors)
 
 
 @pytest.mark.parametrize("name", ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu", "KHR_texture_transform"])

@@ -1,5 +1,6 @@
 """A folder of photos and one of masks that a test can spoil."""
 
+import functools
 from pathlib import Path
 
 import cv2
@@ -7,10 +8,17 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.capture.photos import import_photos
-from zeroshop_steps.geometry.imaging.images import write_image, write_mask
 from zeroshop_steps.runtime.errors import StepError
 
 WIDTH, HEIGHT = 160, 120
+
+
+@functools.cache
+def encode_photo(index: int) -> bytes:
+    """The JPEG of a photo of blocks."""
+    blocks = np.random.default_rng(index).integers(0, 255, (HEIGHT // 10, WIDTH // 10, 3), dtype=np.uint8)
+    image = cv2.resize(blocks, (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST)
+    return cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes()
 
 
 class Shoot:
@@ -19,11 +27,11 @@ class Shoot:
     def __init__(self, root: Path, count: int) -> None:
         self.images, self.masks, self.out = root / "photos", root / "masks", root / "capture"
         self.images.mkdir()
+        self.masks.mkdir()
+        mask = cv2.imencode(".png", self.disk().astype(np.uint8) * 255)[1].tobytes()
         for index in range(count):
-            rng = np.random.default_rng(index)
-            blocks = rng.integers(0, 255, (HEIGHT // 10, WIDTH // 10, 3), dtype=np.uint8)
-            write_image(self.image(index), cv2.resize(blocks, (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST))
-            write_mask(self.mask(index), self.disk())
+            self.image(index).write_bytes(encode_photo(index))
+            self.mask(index).write_bytes(mask)
 
     def image(self, index: int) -> Path:
         return self.images / f"IMG_{index:04d}.jpg"

@@ -19,7 +19,7 @@ from zeroshop_steps.runtime.files import atomic_directory, write_json
 
 PLAUSIBLE_KG = (0.0005, 100.0)
 PLAUSIBLE_KG_M3 = (5.0, 23000.0)
-SCALE_PITFALL = "Check the unit: masses are in kilograms, lengths in metres"
+SCALE_PITFALL = "Check the unit: masses are in kilograms, meshes in millimetres, height_m in metres"
 
 
 @dataclass(frozen=True)

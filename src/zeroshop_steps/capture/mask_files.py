@@ -16,6 +16,9 @@ MIDDLE = 127.5  # parts black and white
 FEW_LEVELS, OBJECT_SHARE = 32, 0.1
 """A mask of so few levels has one for each object, or softened edges: a level counts if it has such a share of what is not background."""
 LOSSLESS = ("PNG", "TIFF", "BMP", "GIF")  # as Pillow calls them; others have levels that only compression made
+PHOTO_COLORS, MOST_PIXELS, DARK = FEW_LEVELS // 2, 0.8, 16
+"""A photo has more colours, of 16 levels a channel, in this share of what has not its usual colour; and a background that was painted
+black is so dark, compressed."""
 PARTED = 0.9  # share of the variance that two levels explain where they are not black and white: most photos have 0.4 to 0.9
 ASPECT_PX = 1.5  # by which the sides of a mask of another size may differ from its photo's aspect: both are rounded
 
@@ -68,6 +71,7 @@ def _open_mask(path: Path) -> contextlib.AbstractContextManager[Image.Image]:
         return open_picture(path)
     try:
         array = np.load(path, allow_pickle=False)
+        array = array[..., 0] if array.ndim == 3 and array.shape[2] == 1 else array
         if array.ndim != 2 or array.dtype not in (bool, np.uint8):
             raise ValueError(f"its shape is {array.shape}, its type {array.dtype}")
     except (OSError, ValueError, EOFError) as error:
@@ -99,9 +103,20 @@ def _find_object(image: Image.Image, path: Path, photo_path: Path) -> tuple[np.n
         # A colour is bright in one channel; that of an alpha channel, which says nothing here, does not count.
         colors = pixels[..., : 1 if pixels.shape[2] == 2 else 3]
         pixels = colors.max(2)
+        if _is_photo(colors):
+            if np.median(np.concatenate([pixels[[0, -1]].ravel(), pixels[:, [0, -1]].ravel()])) > DARK:
+                raise StepError(f"mask {path} has the colours of a photo; make it white on the object, black elsewhere: is it the photo?")
+            return pixels > (0 if image.format in LOSSLESS else DARK), "photos of the object on black"
         if 2 * int(pixels.min()) >= int(pixels.max()) > 0 and (marked := _part_by_place(colors)) is not None:
             return marked, "colours of equal brightness, the one at the border the background"
     return _part(pixels, path, image.format in LOSSLESS)
+
+
+def _is_photo(colors: np.ndarray) -> bool:
+    """Whether an (H, W, C) picture has many colours besides its usual one."""
+    codes = (colors.astype(np.int32) >> 4 << 4 * np.arange(colors.shape[2])).sum(2)
+    counts = np.sort(np.unique(codes, return_counts=True)[1])[-2::-1]
+    return bool(np.ptp(colors, axis=2).any()) and np.searchsorted(np.cumsum(counts), MOST_PIXELS * counts.sum()) >= PHOTO_COLORS
 
 
 def _part_by_place(colors: np.ndarray) -> np.ndarray | None:

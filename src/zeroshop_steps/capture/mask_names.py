@@ -11,7 +11,7 @@ from zeroshop_steps.geometry.imaging.image_files import check_folder, list_folde
 from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES
 from zeroshop_steps.runtime.errors import StepError
 
-MASK_SUFFIXES = (*IMAGE_SUFFIXES, *CONVERTED_SUFFIXES, ".npy")
+MASK_SUFFIXES = (*IMAGE_SUFFIXES, *CONVERTED_SUFFIXES, ".pgm", ".pbm", ".tga", ".jp2", ".npy")
 EXAMPLES = ("{stem}.png", "{name}.png", "{stem}_mask.png", "{stem}.mask.png", "mask_{stem}.png")
 WORD = "mask"
 LEAST_ALIKE = 2  # masks that a scheme other than x.png must name; a single name may look like a photo's by chance
@@ -54,7 +54,10 @@ def find_masks(photos: Sequence[Path], folder: Path) -> MaskNames:
         listed = [path.name + "/" * path.is_dir() for path in files or there]
         held = ", ".join(listed[:3]) + " ..." * (len(listed) > 3) if listed else "nothing"
         lack = f"no mask in {folder} is named like a photo" if files else f"{folder} holds no pictures, which masks are"
-        raise StepError(f"{lack}: it holds {held}; expected for {photos[0].name} one of {names}, for all alike")
+        raise StepError(
+            f"{lack}: it holds {held}; expected for {photos[0].name} one of {names}, for all alike: name the folder itself, and export"
+            " outlines (JSON, XML, TXT) as such pictures"
+        )
     ranked = sorted(schemes.items(), key=_rank, reverse=True)
     found = ranked[0][1]
     if all(

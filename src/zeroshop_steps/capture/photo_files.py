@@ -12,7 +12,7 @@ from PIL import ExifTags, Image, ImageOps
 from PIL.JpegImagePlugin import JpegImageFile
 from PIL.TiffImagePlugin import IFDRational
 
-from zeroshop_steps.geometry.imaging.image_files import FORMATS, check_kind, check_size, list_folder
+from zeroshop_steps.geometry.imaging.image_files import FORMATS, any_size, check_kind, check_size, list_folder, to_rgb
 from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES
 from zeroshop_steps.runtime.errors import StepError, remedy_for
 
@@ -113,7 +113,7 @@ def read_photo(path: Path, max_side_px: int) -> PhotoPixels:
         upright = ImageOps.exif_transpose(image)
         exif = upright.getexif()
         _scale_pixel_tags(exif, max(upright.size) / max(stored_px))
-        pixels = _to_rgb(upright)
+        pixels = to_rgb(upright)
         if deep and pixels.max() < FEWEST_LEVELS:
             raise StepError(
                 f"image {path} has 16 bits, of which its brightest pixel fills {8 + int(pixels.max()).bit_length()} at most: its camera"
@@ -131,10 +131,8 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
     """
     check_kind(path)
     register_heif_opener()
-    # Pillow takes more than 89 megapixels for an attack; the size is checked here instead, before anything is decoded.
-    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
     try:
-        with Image.open(path) as image:
+        with any_size(), Image.open(path) as image:  # its size is checked here, before anything is decoded
             if image.width * image.height > MOST_PIXELS:
                 raise StepError(
                     f"image {path} has {image.width} x {image.height} px, more than {MOST_PIXELS // 10**6} megapixels; reduce it first"
@@ -147,8 +145,6 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
             f"image {path} cannot be read: it is empty, damaged, not an image or of a kind that is not read ({error}); export it again as"
             " JPEG or PNG"
         ) from None
-    finally:
-        Image.MAX_IMAGE_PIXELS = limit
 
 
 def choose_suffix(path: Path) -> str:
@@ -173,7 +169,7 @@ def read_cut_out(image: Image.Image) -> np.ndarray | None:
         opacity = image.convert("RGBA").getchannel("A")
     else:
         return None
-    opaque: np.ndarray = np.asarray(opacity) >= 128
+    opaque: np.ndarray = np.asarray(opacity) > np.asarray(opacity).max() / 2  # some programs write 1 of 255
     return None if opaque.all() or not opaque.any() else opaque
 
 
@@ -202,11 +198,3 @@ def _scale_pixel_tags(exif: Image.Exif, scale: float) -> None:
         except (TypeError, ValueError, ZeroDivisionError):
             continue
         details[tag] = round(value) if tag in PIXEL_COUNTS else IFDRational(value)
-
-
-def _to_rgb(image: Image.Image) -> np.ndarray:
-    if image.mode.startswith("I"):
-        # Levels of 16 bits per level of 8 bits.
-        grey = np.asarray(image).astype(np.float32) / 257
-        return np.repeat(np.clip(grey, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
-    return np.asarray(image.convert("RGB"))

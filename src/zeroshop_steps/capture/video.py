@@ -32,7 +32,10 @@ from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
 
-VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".m4v", ".webm", ".3gp", ".3g2", ".mts", ".m2ts", ".ts", ".mpg", ".mpeg", ".gif")
+VIDEO_SUFFIXES = (
+    *(".mp4", ".mov", ".mkv", ".avi", ".m4v", ".webm", ".3gp", ".3g2", ".mts", ".m2ts", ".ts", ".mpg", ".mpeg"),
+    *(".wmv", ".flv", ".ogv", ".qt", ".lrv", ".gif"),
+)
 FRAMES, MIN_FRAMES, MOST_FRAMES = 20, 8, 60
 MAX_SIDE_PX = 1920
 SPACINGS = ("view", "time")
@@ -245,7 +248,9 @@ def _open(video: Path) -> cv2.VideoCapture:
     if not video.is_file():
         raise StepError(f"video {video} does not exist; check the path")
     if video.suffix.lower() not in VIDEO_SUFFIXES:
-        raise StepError(f"{video} is no video that can be read; expected a file ending in {', '.join(VIDEO_SUFFIXES)}")
+        raise StepError(
+            f"{video} is no video that can be read; expected {', '.join(VIDEO_SUFFIXES)}: name it so, or export it as mp4 (H.264)"
+        )
     capture = cv2.VideoCapture(str(video))
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
     if not capture.isOpened():

@@ -152,7 +152,7 @@ def read_json(path: Path) -> Record:
 def read_json_value(path: Path) -> Any:
     """Read any JSON, with an error that names the file."""
     try:
-        return json.loads(Path(path).read_text())
+        return json.loads(Path(path).read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         raise StepError(f"{path} does not exist; check the path, or run the step that writes it") from None
     except (UnicodeDecodeError, json.JSONDecodeError) as error:

@@ -36,8 +36,8 @@ def photograph(lens) -> list[np.ndarray]:
     rng = np.random.default_rng(3)
     model, params = lens
     camera = pycolmap.Camera(model=model, width=WIDTH, height=HEIGHT, params=params)
-    ground = np.column_stack([rng.uniform(-3, 3, (1500, 2)), np.zeros(1500)])
-    points = np.concatenate([ground, rng.uniform(-0.4, 0.4, (500, 3)) + [0, 0, 0.4]])
+    ground = np.column_stack([rng.uniform(-3, 3, (900, 2)), np.zeros(900)])
+    points = np.concatenate([ground, rng.uniform(-0.4, 0.4, (300, 3)) + [0, 0, 0.4]])
     seen = []
     for azimuth in np.radians([0, 25, 50, 75, 100]):
         away = np.array([np.cos(azimuth) * 0.8, np.sin(azimuth) * 0.8, 0.6]) * params[0] / 400

@@ -25,11 +25,12 @@ def read_validated(path: Path, kind: str) -> Any:
 
 
 def _as_official(content: Any, key: str = "") -> Any:
-    """Content as the official loader takes it: numbers of images may have zeros before them, and matrices of a camera may be rows."""
+    """Content as the official loader takes it: numbers with zeros before them or a point behind them, matrices of a camera as rows."""
     if isinstance(content, dict):
         return {str(int(name)) if name.isdecimal() else name: _as_official(value, name) for name, value in content.items()}
     if not isinstance(content, list):
-        return content
+        whole = isinstance(content, float) and content.is_integer() and key.endswith(("_id", "_count"))
+        return int(content) if whole else content
     if key.startswith("cam_") and all(isinstance(row, list) for row in content):
         return [number for row in content for number in row]
     return [_as_official(one) for one in content]

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.imaging.images import write_image
-from zeroshop_steps.geometry.meshes.ply_surface import find_beside, find_textures, read_ply, require_mesh_file
+from zeroshop_steps.geometry.imaging.image_files import any_size, to_rgb
+from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES, write_image
+from zeroshop_steps.geometry.meshes.ply_surface import find_beside, find_textures, read_ply, read_texture, require_mesh_file
 from zeroshop_steps.geometry.meshes.surface_parts import SurfacePart, join_parts, with_texture
 from zeroshop_steps.geometry.meshes.triangle_meshes import OBJECT_SIZES_M, Mesh, write_ply
 from zeroshop_steps.geometry.meshes.units import MM_PER_M
@@ -25,11 +26,16 @@ SUFFIXES = (".ply", ".obj", *GLTF, ".stl", ".off")
 """Formats, the preferred one first."""
 READABLE = ("KHR_materials_", "KHR_lights_", "KHR_xmp", "KHR_texture_basisu", "EXT_texture_webp", "KHR_draco_mesh_compression")
 """Extensions of glTF that may be in a file, as long as it does not require them: they change no shape, or have a substitute."""
-TEXTURE_OPTIONS = re.compile(r"(-(clamp|blend[uv]|cc) (on|off) +|-(bm|boost|texres|imfchan) \S+ +|-s( 1(\.0*)?)+ +|-[ot]( 0(\.0*)?)+ +)+")
+TEXTURE_OPTIONS = re.compile(
+    r"(-(clamp|blend[uv]|cc) (on|off) +|-(bm|boost|texres|imfchan|colorspace) \S+ +"
+    r"|-s( 1(\.0*)?)+ +|-[ot]( 0(\.0*)?)+ +|-mm 0\S* 1(\.0*)? +)+"
+)
 """Options of a texture in MTL that leave it where it is; with others, such as a scale, its line names no file."""
 
 VERTEX_COLOR = re.compile(rb"(?m)^(v(?:[ \t]+\S+){3})[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t]*\r?$")
 """A line of OBJ with a colour behind the place."""
+ZERO = re.compile(rb"(?m)^f[ \t](.*[ \t])?0(/|\s|$)")
+"""A face of OBJ with the vertex 0; they are counted from 1, or backwards from -1."""
 DIFFUSE, AMBIENT = (re.compile(rb"(?im)^[ \t]*map_K%c\b" % letter) for letter in b"da")
 
 
@@ -84,11 +90,11 @@ def list_mesh_files(path: Path) -> list[Path]:
 
 
 def write_copy(source: Path, mesh: Mesh, folder: Path) -> None:
-    """Write a mesh that was read from a file, and perhaps moved, as model.ply with a texture: a PLY's only image as it is, else a PNG."""
+    """Write a mesh that was read, and perhaps moved, as model.ply with a texture: a PLY's only PNG or JPEG as it is, or a PNG."""
     images = find_textures(source) if source.suffix.lower() == ".ply" and mesh.is_textured else []
-    mesh = with_texture(mesh)
-    target = folder / f"model{images[0].suffix.lower() if len(images) == 1 else '.png'}"
-    if len(images) == 1:
+    mesh, kept = with_texture(mesh), len(images) == 1 and images[0].suffix.lower() in IMAGE_SUFFIXES
+    target = folder / f"model{images[0].suffix.lower() if kept else '.png'}"
+    if kept:
         shutil.copyfile(images[0], target)
     else:
         write_image(target, mesh.texture_image)
@@ -119,14 +125,21 @@ def _read_parts(path: Path) -> list[SurfacePart]:
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # what matters of its complaints is raised here
     kind, content = path.suffix[1:].lower(), path.read_bytes().removeprefix(codecs.BOM_UTF8)
     content = _scale_colors(content) if kind == "obj" else content
-    if kind == "off" and content[:4] in (b"COFF", b"CNOF"):
+    if kind == "obj" and ZERO.search(content):
+        raise StepError(f"mesh {path} has a face of vertex 0, but OBJ counts from 1; export it again, or as PLY")
+    last = content.split(b"#")[0].rstrip().rpartition(b"\n")[2].split() if kind == "off" else []
+    if content[:4] in (b"COFF", b"CNOF") or (last and last[0].isdigit() and len(last) > int(last[0]) + 1):
         warn(f"mesh {path} has colours, which are not read of OFF, and is used without them; export it as PLY")
-    scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=files, process=False, group_material=True)
+    with any_size():
+        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=files, process=False, group_material=True)
     if files.refused:
         raise files.refused[0]
     parts = [_to_part(one) for one in scene.dump() if isinstance(one, trimesh.Trimesh) and len(one.faces)]
     if not parts:
-        raise StepError(f"mesh {path} has no faces; a surface is needed: export it again, or make a surface of its points")
+        raise StepError(
+            f"mesh {path} has no faces{', or is cut off' if kind == 'stl' else ''}; a surface is needed: export it again, or make a"
+            " surface of its points"
+        )
     if not all(np.isfinite(part.surface.vertices).all() for part in parts):
         raise StepError(f"mesh {path} is damaged: it has vertices that are not finite; export it again")
     return parts
@@ -165,7 +178,7 @@ class _FolderFiles(Mapping):
         from urllib.parse import unquote
 
         try:
-            text = TEXTURE_OPTIONS.sub("", str(name).strip())
+            text = TEXTURE_OPTIONS.sub("", str(name).strip()).strip("\"'")
             found = find_beside(self.path, text, "the file")
             if not found.is_file() and text.lower().endswith(".mtl") and " " in text:  # mtllib takes several
                 return b"\n".join(self[one] for one in text.split())
@@ -173,8 +186,8 @@ class _FolderFiles(Mapping):
                 found = find_beside(self.path, unquote(text), "the file")
             if not found.is_file() and text.startswith("-"):
                 raise StepError(
-                    f"the material of mesh {self.path} moves or scales its texture, which is not read: {text}; apply that to the texture"
-                    " coordinates, or remove it, and leave the image's name alone"
+                    f"the material of mesh {self.path} changes its texture by options, which are not read: {text}; apply them to the"
+                    " texture and its coordinates, or remove them, and leave the image's name alone"
                 )
             if not found.is_file():
                 raise StepError(f"mesh {self.path} names {text}, but {found} does not exist; put it there, or remove that line")
@@ -184,21 +197,11 @@ class _FolderFiles(Mapping):
                 parts = re.split(rb"(?im)^(?=\s*newmtl\b)", content)
                 return b"".join(part if DIFFUSE.search(part) else AMBIENT.sub(b"map_Kd", part) for part in parts)
             if found.suffix.lower() != ".bin":
-                _check_texture(self.path, found, content)
+                read_texture(self.path, found, content)  # where it cannot be read, trimesh would go on without it
         except StepError as error:
             self.refused.append(error)
             raise
         return content
-
-
-def _check_texture(path: Path, texture: Path, content: bytes) -> None:
-    """Raise StepError where a texture cannot be read, without which trimesh would go on."""
-    from PIL import Image
-
-    try:
-        Image.open(io.BytesIO(content)).load()
-    except (OSError, SyntaxError, ValueError):
-        raise StepError(f"texture {texture} of mesh {path} is empty, damaged or no image; export it as PNG or JPEG") from None
 
 
 def _to_part(loaded: Any) -> SurfacePart:
@@ -223,7 +226,7 @@ def _to_part(loaded: Any) -> SurfacePart:
     if image is None and (glow := getattr(material, "emissiveTexture", None)) is not None:  # there is no other colour
         image, tint = glow, np.ones(3)
     if image is not None and visual.uv is not None:
-        texture = np.asarray(image.convert("RGB"))
+        texture = to_rgb(image)
         # The diffuse colour of MTL is often left black beside a texture; glTF's factor multiplies it.
         if hasattr(material, "baseColorTexture") and (tint < 1).any():
             texture = np.rint(texture * tint).astype(np.uint8)
@@ -243,14 +246,20 @@ def _check_gltf(path: Path) -> None:
         facts = json.loads(content)
         required, used = (facts.get(key, []) for key in ("extensionsRequired", "extensionsUsed"))
         sources = [texture.get("source") for texture in facts.get("textures", [])]
+        second = any(
+            "baseColorTexture" in (look := one.get("pbrMetallicRoughness", {})) and look["baseColorTexture"].get("texCoord")
+            for one in facts.get("materials", [])
+        )
     except (ValueError, AttributeError) as error:
         raise StepError(f"mesh {path} cannot be read as glTF ({error}); export it again, or as PLY") from None
     lacking = [name for name in required if not name.startswith(READABLE[0])]
     lacking += [name for name in used if not name.startswith(READABLE) and name not in lacking]
     if None in sources:
         lacking += [name for name in used if name.endswith("basisu") and name not in lacking]
+    lacking += ["a second set of texture coordinates"] if second else []
     if lacking:
         raise StepError(
-            f"mesh {path} uses {', '.join(lacking)}, which is not read here; export it without compression and with PNG or JPEG"
-            " textures (Blender: import it, and export glTF with these options off), or as PLY"
+            f"mesh {path} uses {', '.join(lacking)}, which is not read here; export it without compression, with PNG or JPEG"
+            " textures and one set of texture coordinates, not transformed (Blender: import it, and export glTF with these options off),"
+            " or as PLY"
         )

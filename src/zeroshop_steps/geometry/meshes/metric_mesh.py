@@ -58,7 +58,7 @@ def read_metric_mesh(path: Path, unknown_scale: str = REFUSE) -> MetricMesh:
         unknown_scale: REFUSE, or MILLIMETRES to take the unit of a mesh of unknown scale for millimetres.
 
     Raises:
-        StepError: the scale is unknown or not on record, or the mesh is missing or damaged.
+        StepError: the scale is unknown, or the mesh is missing or damaged.
     """
     path = Path(path)
     mesh = read_mesh(path)
@@ -71,7 +71,7 @@ def read_metric_mesh(path: Path, unknown_scale: str = REFUSE) -> MetricMesh:
             raise StepError(
                 f"the scale of {path} is unknown, and a robot would take it for {_size_text(mesh)} mm. Give the object's height"
                 " (height_m in objects.tsv), a printed board or depth images; or, if its unit is millimetres, set"
-                " unknown_scale: millimetres"
+                " unknown_scale: millimetres (--unknown-scale millimetres)"
             )
         warn(f"the scale of {path} is unknown; its unit is taken for millimetres, as unknown_scale says")
         scale, source, deviation = "assumed", MILLIMETRES, 0.0
@@ -93,7 +93,7 @@ def _read_scale(path: Path) -> tuple[str, str, float]:
         return facts["scale"], str(facts["scale_source"]), deviation_m / height_m if height_m and deviation_m else 0.0
     if any((path.parent / name).is_file() for name in ("model_info.json", "models_info.json")):
         return "known", "model", 0.0
-    raise StepError(f"{record} does not exist, so the unit of {path} is not on record; take a finished mesh with its JSON")
+    return "unknown", "none", 0.0
 
 
 def _size_text(mesh: Mesh) -> str:

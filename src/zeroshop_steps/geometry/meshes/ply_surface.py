@@ -1,13 +1,16 @@
 """The surface in a PLY file of any program: polygons, texture coordinates at vertices or corners, several textures, colours."""
 
+import io
 import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 import numpy as np
+from PIL import Image
 
-from zeroshop_steps.geometry.imaging.images import read_image
+from zeroshop_steps.geometry.imaging.image_files import any_size, to_rgb
+from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES, read_image
 from zeroshop_steps.geometry.meshes.mesh_repair import find_triangles
 from zeroshop_steps.geometry.meshes.ply_tables import Element, Lists, PlyTables, read_ply_tables, read_remarks
 from zeroshop_steps.geometry.meshes.surface_parts import SurfacePart, join_parts
@@ -118,7 +121,7 @@ def _by_texture(whole: SurfacePart, numbers: np.ndarray | None, textures: list[P
             f"mesh {path} names {len(textures)} textures, but no texnumber says which faces have which; {textures[0].name} is drawn on all"
         )
     if numbers is None or (len(textures) == 1 and not (numbers < 0).any()):
-        return [_textured(whole, read_image(textures[0]))]
+        return [_textured(whole, read_texture(path, textures[0]))]
     if numbers.max() >= len(textures):
         raise StepError(
             f"mesh {path} has faces of texture {numbers.max()}, but names {len(textures)} textures, counted from 0; export it again"
@@ -128,12 +131,28 @@ def _by_texture(whole: SurfacePart, numbers: np.ndarray | None, textures: list[P
         faces = np.maximum(numbers, -1) == number
         corner_uv, colors = (None if values is None else values[faces] for values in (whole.corner_uv, whole.face_colors))
         part = SurfacePart(replace(whole.surface, faces=whole.surface.faces[faces]), corner_uv, colors)
-        parts.append(_textured(part, read_image(textures[number])) if number >= 0 else part)
+        parts.append(_textured(part, read_texture(path, textures[number])) if number >= 0 else part)
     return parts
 
 
 def _textured(part: SurfacePart, texture: np.ndarray) -> SurfacePart:
     return SurfacePart(replace(part.surface, texture=texture), part.corner_uv, part.face_colors)
+
+
+def read_texture(path: Path, texture: Path, content: bytes | None = None) -> np.ndarray:
+    """(H, W, 3) uint8 RGB of a mesh's texture of any kind that Pillow reads, such as TGA and DDS. Raises StepError for others."""
+    if content is None and texture.suffix.lower() in IMAGE_SUFFIXES:
+        return read_image(texture)
+    try:
+        with any_size(), Image.open(io.BytesIO(texture.read_bytes() if content is None else content)) as image:
+            if image.mode == "F":
+                raise ValueError
+            return to_rgb(image)
+    except (OSError, SyntaxError, ValueError, NotImplementedError):
+        raise StepError(
+            f"texture {texture} of mesh {path} is empty, damaged or of a kind that is not read, such as EXR, KTX2 or floats; export it as"
+            " PNG or JPEG"
+        ) from None
 
 
 def find_textures(path: Path, remarks: tuple[str, ...] | None = None) -> list[Path]:
