@@ -107,51 +107,71 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions, match: Matc
 
 def make_proposers(image_set: ImageSet, options: ColmapOptions, scratch: Path, match: Match | None = None) -> list[Proposer]:
     """What registers a scene, or the object alone; then what mends it. The database is kept in `scratch`; the rest is as for `register`."""
-    database, graphs = scratch / "database.db", list[ViewGraph]()
+    ways = _Ways(image_set, options, scratch / "database.db", match or match_images)
+    first = Proposer("colmap", ways.register_first)
+    finer = Proposer("finer features", ways.register_finer, ways.may_match_finer)
+    ordered = Proposer("order of the images", ways.register_in_order, ways.may_unfold)
+    return [first, ordered] if match else [first, finer, ordered]
 
-    def match_first(*args: Any) -> ViewGraph:
-        graphs.append((match or match_images)(*args))
-        return graphs[-1]
 
-    def reconstruct_by(sift: SiftOptions, out: Path) -> dict[str, Any]:
-        own = replace(options, sift=sift)
-        record = Record.begin("colmap", image_set, own, pycolmap)
-        return dict(match_and_reconstruct(image_set, out, database, own, record, match=match_first).entries)
+@dataclass
+class _Ways:
+    """Ways to register images by the matches of one database; the later ones mend what failed before.
 
-    def keep_order(copy: Path, *_: Any) -> ViewGraph:
-        """The same matches but for those that contradict the order of the images."""
-        mapper = make_mapping_options(options.structure.min_images, options.structure.seed)
-        return replace(graphs[-1], pairs=tuple(keep_sequence(database, copy, image_set.images[0].parent, mapper)))
+    Attributes:
+        image_set, options: as for `register`.
+        database: that `match` writes.
+        match: fills the database.
+        graph: what it matched.
+    """
 
-    def register_in_order(out: Path, _: RegistrationFailed | None) -> dict[str, Any]:
-        record = Record.begin("colmap", image_set, options, pycolmap)
-        with scratch_directory(out, "order") as own:
-            copy = own / database.name
-            return dict(match_and_reconstruct(image_set, out, copy, options, record, match=keep_order, all_matches=database).entries)
+    image_set: ImageSet
+    options: ColmapOptions
+    database: Path
+    match: Match
+    graph: ViewGraph | None = None
 
-    def register_first(out: Path, _: RegistrationFailed | None) -> dict[str, Any]:
-        return reconstruct_by(fit_to_count(options.sift, len(image_set.images)), out)
+    def register_first(self, out: Path, _: RegistrationFailed | None) -> dict[str, Any]:
+        return self._register(fit_to_count(self.options.sift, len(self.image_set.images)), out)
 
-    def find_finer(failure: RegistrationFailed) -> SiftOptions | None:
-        return refine(options.sift, failure.figures["first_octave"], len(image_set.images))
-
-    def register_finer(out: Path, failure: RegistrationFailed | None) -> dict[str, Any]:
-        finer = find_finer(failure) if failure else None
-        assert finer is not None
-        database.unlink()
-        return reconstruct_by(finer, out)
-
-    def may_mend(failure: RegistrationFailed) -> bool:
+    def may_match_finer(self, failure: RegistrationFailed) -> bool:
         """Whether too few images matched, by features that were not the finest."""
-        return isinstance(failure, TooFewRegistered) and find_finer(failure) is not None
+        return isinstance(failure, TooFewRegistered) and self._find_finer(failure) is not None
 
-    def may_unfold(failure: RegistrationFailed) -> bool:
-        return isinstance(failure, DuplicateStructure) and are_in_order(database)
+    def register_finer(self, out: Path, failure: RegistrationFailed | None) -> dict[str, Any]:
+        finer = self._find_finer(failure) if failure else None
+        assert finer is not None
+        self.database.unlink()
+        return self._register(finer, out)
 
-    proposers = [Proposer("colmap", register_first)]
-    if match is None:
-        proposers.append(Proposer("finer features", register_finer, may_mend))
-    return [*proposers, Proposer("order of the images", register_in_order, may_unfold)]
+    def may_unfold(self, failure: RegistrationFailed) -> bool:
+        """Whether sides that look alike were merged, and the order of the images can tell them apart."""
+        return isinstance(failure, DuplicateStructure) and are_in_order(self.database)
+
+    def register_in_order(self, out: Path, _: RegistrationFailed | None) -> dict[str, Any]:
+        record = Record.begin("colmap", self.image_set, self.options, pycolmap)
+        with scratch_directory(out, "order") as own:
+            copy = own / self.database.name
+            done = match_and_reconstruct(self.image_set, out, copy, self.options, record, match=self._keep_order, all_matches=self.database)
+        return dict(done.entries)
+
+    def _register(self, sift: SiftOptions, out: Path) -> dict[str, Any]:
+        own = replace(self.options, sift=sift)
+        record = Record.begin("colmap", self.image_set, own, pycolmap)
+        return dict(match_and_reconstruct(self.image_set, out, self.database, own, record, match=self._match).entries)
+
+    def _match(self, *asked: Any) -> ViewGraph:
+        self.graph = self.match(*asked)
+        return self.graph
+
+    def _keep_order(self, copy: Path, *_: Any) -> ViewGraph:
+        """The same matches but for those that contradict the order of the images."""
+        assert self.graph is not None, "the images were matched before"
+        mapper = make_mapping_options(self.options.structure.min_images, self.options.structure.seed)
+        return replace(self.graph, pairs=tuple(keep_sequence(self.database, copy, self.image_set.images[0].parent, mapper)))
+
+    def _find_finer(self, failure: RegistrationFailed) -> SiftOptions | None:
+        return refine(self.options.sift, failure.figures["first_octave"], len(self.image_set.images))
 
 
 def match_and_reconstruct(
@@ -183,17 +203,8 @@ def match_and_reconstruct(
             raise failure.after(record) from None
         record = record.add(**found)
     try:
-        done = reconstruct(
-            database,
-            image_set,
-            out,
-            structure,
-            record,
-            graph.may_match(),
-            structure.object_only,
-            first,
-            all_matches,
-        )
+        by_object, may_match = structure.object_only, graph.may_match()
+        done = reconstruct(database, image_set, out, structure, record, may_match, by_object, first, all_matches)
         _check_spread(out, done, graph)
         return done
     except RegistrationFailed as failure:
