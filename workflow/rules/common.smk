@@ -46,7 +46,7 @@ try:
     # What rules ask when Snakemake plans: its methods are the input functions.
     plan = Pages(config, ROOT, rows, logger.info)
     if workflow.is_main_process:
-        check_step_options(plan.config, config_schema)
+        check_step_options(plan.given, config_schema)
 except StepError as error:
     raise WorkflowError(str(error)) from None
 
