@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from zeroshop_steps import methods
+from zeroshop_steps.plan import step_options
 from zeroshop_steps.plan.step_options import check_step_options, complete_sections
 from zeroshop_steps.runtime.config_files import check_config, read_config_schema, read_yaml
 from zeroshop_steps.runtime.errors import StepError
@@ -13,6 +14,12 @@ from zeroshop_steps.runtime.errors import StepError
 REPOSITORY = Path(__file__).parents[2]
 SCHEMA = read_config_schema(REPOSITORY / "workflow/schemas/config.schema.yaml", methods.CHOICES, methods.SECTIONS)
 DEFAULTS = read_yaml(REPOSITORY / "config/config.yaml")
+
+
+@pytest.fixture(autouse=True)
+def accepted(tmp_path, monkeypatch):
+    """The options that steps took are kept here, so that each test asks the steps."""
+    monkeypatch.setattr(step_options, "ACCEPTED", tmp_path / "accepted.json")
 
 
 def change(**changes):
@@ -43,6 +50,29 @@ def test_any_option_of_a_step_may_stand_in_its_section():
         pose={"foundationpose": {"iterations": 3}},
         report={"page": {"faces": 500}},
     )
+
+
+def test_plans_ask_a_step_only_for_options_that_it_has_not_taken_yet(monkeypatch):
+    """Of a plan that asks, most of the time is the import of the step's libraries."""
+    asked = []
+    read = step_options._read_options
+    monkeypatch.setattr(step_options, "_read_options", lambda step: asked.append(step) or read(step))
+    check_step_options(DEFAULTS, SCHEMA)
+    assert not asked
+    for samples, steps in ((300, ["grasp.antipodal"]), (300, []), (400, ["grasp.antipodal"]), (300, []), ("many", ["grasp.antipodal"])):
+        asked.clear()
+        try:
+            check_step_options(change(grasp={"samples": samples}), SCHEMA)
+        except StepError:
+            assert samples == "many"
+        assert asked == steps
+    monkeypatch.setattr(step_options, "source_version", lambda modules: "changed")
+    asked.clear()
+    check_step_options(change(grasp={"samples": 300}), SCHEMA)
+    assert asked == ["grasp.antipodal"]
+    step_options.ACCEPTED.write_text("{")
+    check_step_options(change(grasp={"samples": 300}), SCHEMA)
+    assert len(asked) == 2
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,8 @@ from zeroshop_steps.segment.scene import read_mask_scene
 from zeroshop_steps.segment.support import propose_supports
 
 BALL = (0.0, 0.0, 0.5)
+FEW = 8
+"""Views of a printed table, where it is not asked whether something moved: time grows with them."""
 
 
 def find(views, model, saliency=None, place=None):
@@ -34,18 +36,19 @@ def tell(folder, balls_in, plain=False):
 @pytest.mark.parametrize("plain", [False, True], ids=["printed", "plain"])
 def test_a_ball_on_a_table_is_found(tmp_path, plain):
     """The plane of the plain table lies where the shadow lies. Without a network, a little of the shadow's dark foot comes along there."""
-    views, model = table_views(tmp_path, [[BALL]] * COUNT, plain=plain)
+    count = COUNT if plain else FEW
+    views, model = table_views(tmp_path, [[BALL]] * count, plain=plain)
     masks, record = find(views, model)
     overlaps = [compute_overlap(mask, ball_mask(view.camera, BALL)) for mask, view in zip(masks, views, strict=True)]
     assert np.median(overlaps) > (0.87 if plain else 0.93) and min(overlaps) > 0.85
-    assert record["good_masks"] == COUNT and record["median_disagreement"] < 0.05 and record["objects"] == 1
+    assert record["good_masks"] == count and record["median_disagreement"] < 0.05 and record["objects"] == 1
     assert record["plane_from"] == ("views" if plain else "points") and abs(record["plane"]["offset"]) < 0.05
     assert record["probability"] > 0.5 and not record["cut_off"]
 
 
 @pytest.mark.slow
 def test_of_two_things_the_one_in_the_middle_is_taken(tmp_path):
-    views, model = table_views(tmp_path, [[(0.1, 0.0, 0.4), (1.2, 0.9, 0.4)]] * COUNT)
+    views, model = table_views(tmp_path, [[(0.1, 0.0, 0.4), (1.2, 0.9, 0.4)]] * FEW)
     masks, record = find(views, model)
     truths = [ball_mask(view.camera, (0.1, 0.0, 0.4)) for view in views]
     assert np.median([compute_overlap(mask, truth) for mask, truth in zip(masks, truths, strict=True)]) > 0.85
@@ -85,12 +88,12 @@ def test_what_a_network_sees_finds_what_has_the_tables_color(tmp_path):
 
 
 def test_nothing_on_the_table(tmp_path):
-    assert "no object was found" in tell(tmp_path, [[]] * COUNT)
+    assert "no object was found" in tell(tmp_path, [[]] * FEW)
 
 
 @pytest.mark.slow
 def test_two_things_beside_the_middle(tmp_path):
-    assert "two objects are equally near" in tell(tmp_path, [[(0.7, 0, 0.35), (-0.7, 0, 0.35)]] * COUNT)
+    assert "two objects are equally near" in tell(tmp_path, [[(0.7, 0, 0.35), (-0.7, 0, 0.35)]] * FEW)
 
 
 @pytest.mark.slow

@@ -1,11 +1,13 @@
 """The arm in MuJoCo: it goes where it is sent within its limits, feels what it touches; and scans a model into a capture."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from helpers.coarse_ground import coarse_ground
 from zeroshop_steps.capture.cameras_json import read_given_cameras
 from zeroshop_steps.geometry.cameras.viewpoints import direction_at, look_at
 from zeroshop_steps.geometry.imaging.images import list_images, read_depth_mm, read_image
@@ -29,6 +31,13 @@ HSR = GRIPPERS["hsr"]
 UR10E = ARMS["ur10e"]
 BOX = Box.around(np.array([0.6, 0.0, 0.1]), np.array([0.12, 0.12, 0.2]))
 CORNERS = np.array([[x, y, z] for x in (0.56, 0.64) for y in (-0.04, 0.04) for z in (0.001, 0.18)])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def table() -> Iterator[None]:
+    """The table is as fine as photos of 320 pixels show."""
+    with coarse_ground(1024):
+        yield
 
 
 @pytest.fixture(scope="module")

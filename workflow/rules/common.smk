@@ -1,5 +1,6 @@
 """What several stages share: where results lie, the checked config, what the package knows of the plan, and what all rules ask for."""
 
+import functools
 import os
 import re
 import shlex
@@ -46,7 +47,7 @@ try:
     # What rules ask when Snakemake plans: its methods are the input functions.
     plan = Pages(config, ROOT, rows, logger.info)
     if workflow.is_main_process:
-        check_step_options(plan.config, config_schema)
+        check_step_options(plan.given, config_schema)
 except StepError as error:
     raise WorkflowError(str(error)) from None
 
@@ -115,6 +116,10 @@ def given(*names):
 STEP = re.compile(r"zeroshop_steps\.(\w+) --method (\S+)|--(height) (\{params\.height\})")
 
 
+# Of a plan with thousands of jobs, half of the time was this. The code of a plan is that of its start.
+version_of = functools.cache(source_version)
+
+
 def code_of(rule):
     """A parameter function: the fingerprint of the code that a rule's command runs, so that changed code makes its results stale."""
     steps = [(stage or height, method or height_method) for stage, method, height, height_method in STEP.findall(rule.shellcmd)]
@@ -124,4 +129,4 @@ def code_of(rule):
         value = getattr({"params": rule.params, "wildcards": wildcards}[found[1]], found[2]) if found else word
         return value(wildcards) if callable(value) else value.format(**wildcards)
 
-    return lambda wildcards: source_version(tuple(f"{stage}.{fill(method, wildcards)}" for stage, method in steps))
+    return lambda wildcards: version_of(tuple(f"{stage}.{fill(method, wildcards)}" for stage, method in steps))

@@ -54,7 +54,7 @@ class Digests:
 
     def of(self, path: Path) -> Digest:
         """The digest of a file."""
-        found, name = path.stat(), str(path.relative_to(self.sources))
+        found, name = path.stat(), _name_of(path, self.sources)
         stamp = (found.st_mtime_ns, found.st_size)
         known = self._known.get(name)
         if known is None or known.stamp != stamp:
@@ -84,7 +84,7 @@ def source_version(modules: tuple[str, ...], sources: Path = SOURCES) -> str:
     data = {file for folder in {file.parent for file in files} for file in folder.iterdir() if file.suffix in DATA_SUFFIXES}
     digest = hashlib.sha256()
     for path in sorted(files | data):
-        digest.update(f"{path.relative_to(sources)} {digests.of(path).digest}\n".encode())
+        digest.update(f"{_name_of(path, sources)} {digests.of(path).digest}\n".encode())
     digests.keep()
     return digest.hexdigest()
 
@@ -153,6 +153,11 @@ def _imports(tree: ast.AST) -> Iterator[str]:
         elif isinstance(node, ast.ImportFrom) and node.module:
             yield node.module
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+@functools.cache
+def _name_of(path: Path, sources: Path) -> str:
+    return str(path.relative_to(sources))
 
 
 @functools.cache

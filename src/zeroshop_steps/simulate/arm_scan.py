@@ -65,11 +65,13 @@ class TrueSurface:
         _, _, _, inside = camera.find_pixels(self._points)
         rays = camera.centre_in_world - self._points
         cosine = (self._normals * rays).sum(1) / np.linalg.norm(rays, axis=1)
-        seen = inside & (cosine > GRAZING_COSINE)
+        seen = np.flatnonzero(inside & (cosine > GRAZING_COSINE))
         projector = camera.centre_in_world + camera.camera_from_world[:3, :3].T @ PROJECTOR_M
         for eye in (camera.centre_in_world, projector):
-            seen &= ~self._is_hidden_from(eye)
-        return np.asarray(seen)
+            seen = seen[~self._are_hidden_from(eye, seen)]
+        answer = np.zeros(len(self._points), bool)
+        answer[seen] = True
+        return answer
 
     def measured(self, camera: Camera, depth_m: np.ndarray) -> np.ndarray:
         """(P,) bool: the points that a (height, width) depth image of a camera measured."""
@@ -82,8 +84,8 @@ class TrueSurface:
         """Completeness, 0..1, by (P,) bool."""
         return float(measured[self.measurable].mean())
 
-    def _is_hidden_from(self, eye_m: np.ndarray) -> np.ndarray:
-        ends = self._points + OFF_SURFACE_M * self._normals
+    def _are_hidden_from(self, eye_m: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        ends = self._points[rows] + OFF_SURFACE_M * self._normals[rows]
         starts = np.broadcast_to(eye_m, ends.shape)
         rays = MM_PER_M * np.concatenate([starts - self._scene.world_from_model_m, ends - starts], 1)
         return np.asarray(self._scene.rays.test_occlusions(o3d.core.Tensor(rays.astype(np.float32)), 0.0, 1.0).numpy())

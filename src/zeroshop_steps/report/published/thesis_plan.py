@@ -7,9 +7,6 @@ parts of Table 4.2: 84 and 63), and the models of Table 4.5: those of both optim
 from collections import Counter
 from collections.abc import Iterable, Mapping
 
-from zeroshop_steps.report.reconstruction import PUBLISHED
-from zeroshop_steps.runtime.tables import read_table
-
 REGISTRATIONS = {"MASt3R-SfM": "mast3r", "VGGT (quarter precision)": "vggt_1024", "VGGT (full precision)": "vggt_4096"}
 """How this project calls the thesis's registrations."""
 OF_MODELS = {"scene": "su_h", "registration": "mast3r"}
@@ -31,6 +28,9 @@ MB_OF_IMAGE, MB_OF_CELL, MB_OF_TEST_SET = 6, 60, 2_000
 
 def list_marks(objects: Iterable[str] | None = None) -> list[dict[str, str]]:
     """The cells of Tables 4.1 and 4.2, in their order, each with object, scene, registration and nvs; of these objects alone, if given."""
+    from zeroshop_steps.report.reconstruction import PUBLISHED  # loads pandas, which few plans need
+    from zeroshop_steps.runtime.tables import read_table
+
     wanted = None if objects is None else set(objects)
     rows = read_table(PUBLISHED).to_dict("records")
     return [

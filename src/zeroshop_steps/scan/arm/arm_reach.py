@@ -39,6 +39,20 @@ class ClearanceCheck:
 
     def is_clear(self, joints_rad: np.ndarray) -> np.ndarray:
         """(N,) bool of (N, 6) joint angles."""
+        placed, clear = self._place(joints_rad)
+        for row in np.flatnonzero(clear):
+            clear[row] = self._is_apart(placed[row])
+        return clear
+
+    def is_path_clear(self, start_rad: np.ndarray, end_rad: np.ndarray) -> bool:
+        """Whether all postures between two are clear when all joints move evenly."""
+        count = max(2, int(np.ceil(np.abs(end_rad - start_rad).max() / PATH_STEP_RAD)) + 1)
+        shares = np.linspace(0.0, 1.0, count)[:, None]
+        placed, clear = self._place(start_rad + shares * (end_rad - start_rad))
+        return bool(clear.all()) and all(map(self._is_apart, placed))
+
+    def _place(self, joints_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(N, P, 3) points of the body in (N, 6) postures, and (N,) bool: the postures clear of the table and of what is kept out."""
         points, frames, radii = self._body_points
         base_from_frame = self.arm.find_frames(joints_rad)[:, frames]
         placed = np.einsum("npij,pj->npi", base_from_frame[..., :3, :3], points) + base_from_frame[..., :3, 3]
@@ -47,25 +61,20 @@ class ClearanceCheck:
         clear = (placed[:, moving, 2] > self.table_m + room[moving]).all(1)
         if self.keep_out is not None:
             clear &= (self.keep_out.distance_m(placed[:, moving]) > room[moving]).all(1)
-        rows = np.flatnonzero(clear)
-        first, second = self._pairs
-        for row in rows:
-            apart = np.linalg.norm(placed[row, first] - placed[row, second], axis=1)
-            clear[row] = bool((apart > radii[first] + radii[second] + CLEARANCE_M).all())
-        return np.asarray(clear)
+        return placed, np.asarray(clear)
 
-    def is_path_clear(self, start_rad: np.ndarray, end_rad: np.ndarray) -> bool:
-        """Whether all postures between two are clear when all joints move evenly."""
-        count = max(2, int(np.ceil(np.abs(end_rad - start_rad).max() / PATH_STEP_RAD)) + 1)
-        shares = np.linspace(0.0, 1.0, count)[:, None]
-        return bool(self.is_clear(start_rad + shares * (end_rad - start_rad)).all())
+    def _is_apart(self, points: np.ndarray) -> bool:
+        """Whether no part of the body is near another, by its (P, 3) points."""
+        first, second, least_squared = self._pairs
+        between = points[first] - points[second]
+        return bool((np.einsum("pi,pi->p", between, between) > least_squared).all())
 
     @cached_property
-    def _pairs(self) -> tuple[np.ndarray, np.ndarray]:
-        """Points that are compared: parts that meet at a joint overlap there by their shape."""
-        _, frames, _ = self._body_points
+    def _pairs(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points that are compared, and the squares of their least distances: parts that meet at a joint overlap there by their shape."""
+        _, frames, radii = self._body_points
         first, second = np.nonzero(np.triu(np.abs(frames[:, None] - frames) > MEETING))
-        return first, second
+        return first, second, (radii[first] + radii[second] + CLEARANCE_M) ** 2
 
     @cached_property
     def _body_points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
