@@ -1,5 +1,6 @@
 """A tin whose print is there twice: photos that follow one another tell its sides apart, whatever else matches."""
 
+import shutil
 from itertools import combinations
 
 import numpy as np
@@ -9,9 +10,14 @@ import pytest
 from helpers.camera_ring import ring_camera
 from zeroshop_steps.geometry.cameras.pinhole import fit_similarity, take_cameras, to_rigid
 from zeroshop_steps.geometry.cameras.transforms import transform_points
+from zeroshop_steps.register import colmap
 from zeroshop_steps.register.image_sequence import are_in_order, check_order, keep_sequence
 from zeroshop_steps.register.mapping.mapper import make_mapping_options, map_incrementally
+from zeroshop_steps.register.matching.turntable import StationaryMatches
+from zeroshop_steps.register.matching.view_graph import ViewGraph
 from zeroshop_steps.register.scene.database import LEAST_TIES, read_matches
+from zeroshop_steps.register.scene.image_set import ImageSet
+from zeroshop_steps.register.scene.record import DuplicateStructure, Inconsistent
 
 COUNT, SIZE_PX, FOCAL_PX, RADIUS, REPEATS = 24, (640, 480), 700.0, 40.0, 2
 PRINT = 300  # points of each repeat
@@ -92,3 +98,26 @@ def test_pairs_that_agree_with_the_order_unfold_the_circle(database, cameras, tm
     true = np.array([cameras[int(camera.name[:6])].centre_in_world for camera in found])
     assert len(found) == COUNT
     assert np.linalg.norm(transform_points(places, fit_similarity(places, true)) - true, axis=1).max() < 2.0
+
+
+@pytest.mark.parametrize("kind", [DuplicateStructure, Inconsistent])
+def test_the_order_is_asked_where_sides_were_merged(database, tmp_path, monkeypatch, kind):
+    image_set = ImageSet(tuple(tmp_path / f"{number:06d}.png" for number in range(COUNT)), None, (SIZE_PX,) * COUNT)
+
+    def match(path, *_):
+        shutil.copy(database, path)
+        return ViewGraph(300.0, 0, "given", 0, StationaryMatches(0.0, 0.0, 0.0), False)
+
+    def reconstruct(images, out, path, options, record, match, all_matches=None):
+        graph = match(path, images, options, record.stopwatch)
+        if all_matches is None:
+            raise record.fail("folded", kind=kind)
+        return record.add(registered=COUNT, left=len(graph.pairs))
+
+    monkeypatch.setattr(colmap, "match_and_reconstruct", reconstruct)
+    if kind is Inconsistent:
+        with pytest.raises(Inconsistent, match="^folded$"):
+            colmap.register(image_set, tmp_path, colmap.ColmapOptions(), match)
+    else:
+        record = colmap.register(image_set, tmp_path, colmap.ColmapOptions(), match)
+        assert record["tried"]["colmap"]["reason"] == "folded" and record["left"] < COUNT * (COUNT - 1) / 2
