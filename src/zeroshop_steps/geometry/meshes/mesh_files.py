@@ -16,6 +16,7 @@ import numpy as np
 from zeroshop_steps.geometry.imaging.image_files import any_size, to_rgb
 from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES, write_image
 from zeroshop_steps.geometry.meshes.ply_surface import find_beside, find_textures, read_ply, read_texture, require_mesh_file
+from zeroshop_steps.geometry.meshes.polygons import cut_polygons, fan
 from zeroshop_steps.geometry.meshes.surface_parts import SurfacePart, join_parts, with_texture
 from zeroshop_steps.geometry.meshes.triangle_meshes import OBJECT_SIZES_M, Mesh, write_ply
 from zeroshop_steps.geometry.meshes.units import MM_PER_M
@@ -34,6 +35,7 @@ TEXTURE_OPTIONS = re.compile(
 
 VERTEX_COLOR = re.compile(rb"(?m)^(v(?:[ \t]+\S+){3})[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t]*\r?$")
 """A line of OBJ with a colour behind the place."""
+VERTEX, POLYGON = re.compile(rb"(?m)^v[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)"), re.compile(rb"(?m)^f((?:[ \t]+[-\d/]+){4,})")
 ZERO = re.compile(rb"(?m)^f[ \t](.*[ \t])?0(/|\s|$)")
 """A face of OBJ with the vertex 0; they are counted from 1, or backwards from -1."""
 DIFFUSE, AMBIENT = (re.compile(rb"(?im)^[ \t]*map_K%c\b" % letter) for letter in b"da")
@@ -124,9 +126,9 @@ def _read_parts(path: Path) -> list[SurfacePart]:
     files = _FolderFiles(path)
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # what matters of its complaints is raised here
     kind, content = path.suffix[1:].lower(), path.read_bytes().removeprefix(codecs.BOM_UTF8)
-    content = _scale_colors(content) if kind == "obj" else content
     if kind == "obj" and ZERO.search(content):
         raise StepError(f"mesh {path} has a face of vertex 0, but OBJ counts from 1; export it again, or as PLY")
+    content = _cut_obj(_scale_colors(content)) if kind == "obj" else content
     last = content.split(b"#")[0].rstrip().rpartition(b"\n")[2].split() if kind == "off" else []
     if content[:4] in (b"COFF", b"CNOF") or (last and last[0].isdigit() and len(last) > int(last[0]) + 1):
         warn(f"mesh {path} has colours, which are not read of OFF, and is used without them; export it as PLY")
@@ -158,6 +160,28 @@ def _scale_colors(content: bytes) -> bytes:
     if max(found, default=0.0) <= 1:
         return content
     return VERTEX_COLOR.sub(lambda line: b" ".join([line[1], *(b"%f" % (float(line[index]) / 255) for index in (2, 3, 4))]), content)
+
+
+def _cut_obj(content: bytes) -> bytes:
+    """An OBJ whose concave polygons are triangles; trimesh cuts all as fans."""
+    content = content.replace(b"\\\r\n", b"").replace(b"\\\n", b"")  # lines that go on in the next one
+    lines, vertices = list(POLYGON.finditer(content)), list(VERTEX.finditer(content))
+    if not lines or not vertices:
+        return content
+    words = [line[1].split() for line in lines]
+    counts = np.array([len(one) for one in words])
+    before = np.searchsorted([line.start() for line in vertices], [line.start() for line in lines])  # from where a negative number counts
+    numbers = np.array([int(word.split(b"/")[0]) for one in words for word in one])
+    numbers = np.where(numbers < 0, numbers + np.repeat(before, counts), numbers - 1)
+    if numbers.min() < 0 or numbers.max() >= len(vertices):
+        return content  # trimesh says so
+    polygons, corners = cut_polygons(np.array([line.groups() for line in vertices]).astype(float)[numbers], counts)
+    parts, end = [], 0
+    for polygon in np.unique(polygons[(corners != fan(counts)[1]).any(1)]):
+        rows = corners[slice(*np.searchsorted(polygons, [polygon, polygon + 1]))]
+        parts += [content[end : lines[polygon].start()], b"\n".join(b"f " + b" ".join(words[polygon][one] for one in row) for row in rows)]
+        end = lines[polygon].end()
+    return b"".join([*parts, content[end:]])
 
 
 class _FolderFiles(Mapping):

@@ -1,0 +1,51 @@
+"""Polygons of any number of corners become triangles; concave ones by the triangulation of manifold3d."""
+
+import manifold3d
+import numpy as np
+
+UPRIGHT_SHARE = 0.9
+"""A polygon is cut where, seen along its normal, it hardly overlaps itself: by area."""
+LEAST_TURNED = 1e-6  # share of a polygon's area in a triangle that faces the other way: less is what float32 leaves of a straight edge
+
+
+def fan(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The (F,) polygons and (F, 3) corners of the triangles that polygons of so many corners are cut into, from their first ones."""
+    triangles = np.maximum(counts - 2, 0)
+    polygons = np.repeat(np.arange(len(counts)), triangles)
+    second = np.arange(len(polygons)) - np.repeat(np.cumsum(triangles) - triangles, triangles) + 1
+    return polygons, np.stack([np.zeros_like(second), second, second + 1], 1)
+
+
+def cut_polygons(places: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`fan` of polygons whose corners lie at these (N, 3) places, one polygon after the other; those whose fan folds are cut anew."""
+    polygons, corners = fan(counts)
+    starts = np.cumsum(counts) - counts
+    one, second, third = (places[starts[polygons] + corners[:, column]] for column in range(3))
+    areas = np.cross(second - one, third - one)
+    normals = np.stack([np.bincount(polygons, column, len(counts)) for column in areas.T], 1)[polygons]
+    for polygon in np.unique(polygons[(areas * normals).sum(1) < -LEAST_TURNED * (normals**2).sum(1)]):
+        cut = triangulate(places[starts[polygon] : starts[polygon] + counts[polygon]])
+        if cut is not None:
+            first = np.searchsorted(polygons, polygon)
+            corners[first : first + len(cut)] = cut
+    return polygons, corners
+
+
+def triangulate(points: np.ndarray) -> np.ndarray | None:
+    """(N - 2, 3) corners of triangles over a closed (N, 3) chain, facing where it runs counter-clockwise; None of one far from flat."""
+    around = points - points.mean(0)
+    normal = np.cross(around, np.roll(around, -1, 0)).sum(0)
+    length = np.linalg.norm(normal)
+    if length == 0.0:
+        return None
+    flat = around @ make_plane_axes(normal / length).T
+    index = manifold3d.triangulate([flat], allow_convex=False)
+    (ax, ay), (bx, by), (cx, cy) = flat[index].transpose(1, 2, 0)
+    areas = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+    return None if areas.sum() < UPRIGHT_SHARE * np.abs(areas).sum() or len(index) != len(points) - 2 else index
+
+
+def make_plane_axes(normal: np.ndarray) -> np.ndarray:
+    """(2, 3) unit axes of the plane with this (3,) unit normal; with the normal as the third, they are right-handed."""
+    across = np.linalg.svd(normal[None])[2][1:]
+    return across[::-1] if np.linalg.det(np.stack([*across, normal])) < 0 else across
