@@ -11,26 +11,22 @@ LEAST_TURNED = 1e-6  # share of a polygon's area in a triangle that faces the ot
 VERTEX, POLYGON = re.compile(rb"(?m)^v[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)"), re.compile(rb"(?m)^f((?:[ \t]+[-\d/]+){4,})")
 
 
-def fan(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The (F,) polygons and (F, 3) corners of the triangles that polygons of so many corners are cut into, from their first ones."""
+def cut_polygons(places: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The (F,) polygons and (F, 3) corners of triangles: fans, but of polygons whose fan folds.
+
+    Their corners lie at these (N, 3) places, one polygon after the other, so many of each.
+    """
     triangles = np.maximum(counts - 2, 0)
     polygons = np.repeat(np.arange(len(counts)), triangles)
     second = np.arange(len(polygons)) - np.repeat(np.cumsum(triangles) - triangles, triangles) + 1
-    return polygons, np.stack([np.zeros_like(second), second, second + 1], 1)
-
-
-def cut_polygons(places: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`fan` of polygons whose corners lie at these (N, 3) places, one polygon after the other; those whose fan folds are cut anew."""
-    polygons, corners = fan(counts)
+    corners = np.stack([np.zeros_like(second), second, second + 1], 1)
     starts = np.cumsum(counts) - counts
-    one, second, third = (places[starts[polygons] + corners[:, column]] for column in range(3))
-    areas = np.cross(second - one, third - one)
+    one, other, third = places[starts[polygons] + corners.T]
+    areas = np.cross(other - one, third - one)
     normals = np.stack([np.bincount(polygons, column, len(counts)) for column in areas.T], 1)[polygons]
     for polygon in np.unique(polygons[(areas * normals).sum(1) < -LEAST_TURNED * (normals**2).sum(1)]):
-        cut = triangulate(places[starts[polygon] : starts[polygon] + counts[polygon]])
-        if cut is not None:
-            first = np.searchsorted(polygons, polygon)
-            corners[first : first + len(cut)] = cut
+        if (cut := triangulate(places[starts[polygon] : starts[polygon] + counts[polygon]])) is not None:
+            corners[polygons.searchsorted(polygon) :][: len(cut)] = cut
     return polygons, corners
 
 
@@ -58,19 +54,17 @@ def cut_obj(content: bytes) -> bytes:
     """An OBJ whose concave polygons are triangles; trimesh cuts all as fans."""
     content = content.replace(b"\\\r\n", b"").replace(b"\\\n", b"")  # lines that go on in the next one
     lines, vertices = list(POLYGON.finditer(content)), list(VERTEX.finditer(content))
-    if not lines or not vertices:
-        return content
     words = [line[1].split() for line in lines]
-    counts = np.array([len(one) for one in words])
+    counts = np.array([len(one) for one in words], int)
     before = np.searchsorted([line.start() for line in vertices], [line.start() for line in lines])  # from where a negative number counts
-    numbers = np.array([int(word.split(b"/")[0]) for one in words for word in one])
+    numbers = np.array([int(word.split(b"/")[0]) for one in words for word in one], int)
     numbers = np.where(numbers < 0, numbers + np.repeat(before, counts), numbers - 1)
-    if numbers.min() < 0 or numbers.max() >= len(vertices):
-        return content  # trimesh says so
+    if not lines or numbers.min() < 0 or numbers.max() >= len(vertices):  # which trimesh refuses
+        return content
     polygons, corners = cut_polygons(np.array([line.groups() for line in vertices]).astype(float)[numbers], counts)
     parts, end = [], 0
-    for polygon in np.unique(polygons[(corners != fan(counts)[1]).any(1)]):
-        rows = corners[slice(*np.searchsorted(polygons, [polygon, polygon + 1]))]
+    for polygon in np.unique(polygons[(corners[:, 0] > 0) | (corners[:, 2] != corners[:, 1] + 1)]):
+        rows = corners[polygons.searchsorted(polygon) : polygons.searchsorted(polygon, "right")]
         parts += [content[end : lines[polygon].start()], b"\n".join(b"f " + b" ".join(words[polygon][one] for one in row) for row in rows)]
         end = lines[polygon].end()
     return b"".join([*parts, content[end:]])
