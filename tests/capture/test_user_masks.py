@@ -137,14 +137,15 @@ MASKS = {
     "16 bits": (as_levels(0, 65535, np.uint16), "level 65535 on the object"),
     "floats": (as_levels(0, 1, np.float32), "level 1 on the object"),
     "DAVIS": (as_palette(DAVIS), "palettes, index 0 the background"),
-    "two objects of a video": (as_two_objects, "palettes, index 0 the background"),
+    "two objects of a video": (as_two_objects, "palettes, index 0 the background, labels 1, 2 together as one object"),
     "a grey palette": (as_palette([0, 0, 0, 255, 255, 255]), ""),
     "a coloured background": (as_palette([0, 90, 0, 90, 0, 90]), "palettes, index 0 the background"),
     "red on black": (as_colors((0, 0, 0), (255, 0, 0)), ""),
     "two colours": (as_colors((68, 1, 84), (253, 231, 36)), "level 253 on the object"),
     "two colours of equal brightness": (as_colors((255, 0, 0), (0, 250, 0)), "colours of equal brightness, the one at the border"),
     "red on white": (as_colors((255, 255, 255), (255, 0, 0)), "colours of equal brightness, the one at the border"),
-    "labels": (as_labels, "levels above 0.5 on the object"),
+    "labels": (as_labels, "levels above 0.5 on the object, labels 1, 2 together as one object"),
+    "pages of a TIFF": (as_levels(0, 255), "the first of 2 pictures in a file"),
     "a soft edge": (as_soft, ""),
 }
 
@@ -153,8 +154,10 @@ MASKS = {
 def test_masks_of_any_two_levels_are_taken(shoot, kind, capsys):
     make, said = MASKS[kind]
     for index in range(9):
-        make(shoot.disk()).save(shoot.mask(index).with_suffix(".tif" if kind == "floats" else ".png"))
-        if kind == "floats":
+        tiff = kind in ("floats", "pages of a TIFF")
+        more = {"save_all": True, "append_images": [Image.new("L", (WIDTH, HEIGHT))]} if kind == "pages of a TIFF" else {}
+        make(shoot.disk()).save(shoot.mask(index).with_suffix(".tif" if tiff else ".png"), **more)
+        if tiff:
             shoot.mask(index).unlink()
     assert taken(shoot) > 0.92
     told = capsys.readouterr().err

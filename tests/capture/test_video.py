@@ -110,6 +110,11 @@ def test_no_video_at_all(tmp_path):
     for name, content, message in (
         ("no.mp4", b"", "cannot be read as a video|no frames"),
         ("text.mp4", b"no video at all" * 100, "cannot be read as a video|no frames"),
+        (
+            "pointer.mp4",
+            b"version https://git-lfs.github.com/spec/v1\n",
+            "pointer of Git LFS, not a film; fetch the film itself by git lfs",
+        ),
         ("film.heic", b"x", "no video that can be read"),
     ):
         (tmp_path / name).write_bytes(content)

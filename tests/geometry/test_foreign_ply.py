@@ -174,11 +174,55 @@ def test_a_texture_of_vertex_colours_interpolates_them() -> None:
     assert (plain == plain[0, 0]).all() and 100 < plain[0, 0] < 255
 
 
+CONCAVE = {
+    "arrow": [(0, 0), (10, 8), (0, 16), (4, 8)],
+    "arrow, from its tip": [(10, 8), (0, 16), (4, 8), (0, 0)],
+    "plus": [(3, 0), (6, 0), (6, 3), (9, 3), (9, 6), (6, 6), (6, 9), (3, 9), (3, 6), (0, 6), (0, 3), (3, 3)],
+    "comb": [(0, 0), (50, 0), (50, 20), (40, 20), (40, 5), (30, 5), (30, 20), (20, 20), (20, 5), (10, 5), (10, 20), (0, 20)],
+}
+
+
+@pytest.mark.parametrize("kind", CONCAVE)
+@pytest.mark.parametrize("name", ["mesh.ply", "mesh.obj"])
+def test_concave_polygons_are_covered_once(tmp_path: Path, name: str, kind: str) -> None:
+    """Convex ones beside them keep their fans, and texture coordinates stay at their corners."""
+    add_texture(tmp_path)
+    flat = np.array([*CONCAVE[kind], (60, 0), (70, 0), (70, 9), (60, 9)], float)
+    corners = np.stack([flat[:, 0], np.full(len(flat), 7.0), flat[:, 1]], 1)  # y is up; so seen from below
+    last, uv = len(flat) - 4, flat / 100
+    faces = [list(range(last))[::-1], list(range(last, last + 4))]
+    if name == "mesh.ply":
+        rows: list[list] = [[face, uv[face].ravel().tolist()] for face in faces]
+        write(tmp_path, corners.tolist(), XYZ, rows, f"{INDICES},list uchar float texcoord", remarks=("comment TextureFile tex.png",))
+    else:
+        (tmp_path / "a.mtl").write_text("newmtl x\nmap_Kd tex.png\n")
+        lines = [f"v {x} {y} {z}\nvt {u} {v}" for (x, y, z), (u, v) in zip(corners, uv, strict=True)]
+        texts = [" ".join(f"{one + 1}/{one + 1}" for one in faces[0]), " ".join(f"{one - len(flat)}/{one - len(flat)}" for one in faces[1])]
+        (tmp_path / name).write_text("\n".join(["mtllib a.mtl\nusemtl x", *lines, *(f"f {text}" for text in texts), ""]))
+    mesh = read_mesh(tmp_path / name)
+    x, z = np.roll(flat[:last], -1, 0).T
+    area = abs(flat[:last, 0] @ z - flat[:last, 1] @ x) / 2
+    square = mesh.vertices[mesh.faces[:, 0], 0] > 55
+    areas, down = mesh.face_areas(), mesh.face_normals()[:, 1] < 0
+    assert np.isclose(areas[~square].sum(), area) and len(mesh.faces) == last
+    assert (down == square)[areas > 0].all()
+    assert np.allclose(mesh.uv * 100, mesh.vertices[:, [0, 2]])
+    shared = mesh.vertices[mesh.faces[square]]
+    assert all((shared == corners[last + one]).all(2).any(1).all() for one in (0, 2)), "a fan from the first corner"
+
+
 @pytest.mark.parametrize("form", FORMS)
 def test_polygons_become_triangles(tmp_path: Path, form: str) -> None:
     mixed = read_ply(write(tmp_path, [*CORNERS, [-5.0, 10.0, 0.0]], XYZ, [[[0, 1, 2]], [[0, 2, 3, 4]], [[0, 1]]], form=form))
     assert len(mixed.faces) == 3 and np.isclose(mixed.face_areas().sum(), 250)
     assert (mixed.face_normals()[:, 2] > 0.99).all()
+
+
+def test_faces_whose_corners_have_another_name_are_no_point_cloud(tmp_path: Path) -> None:
+    with pytest.raises(
+        StepError, match="4 vertices and 0 faces; .* Its faces have lists of corners, not of vertex_indices or vertex_index"
+    ):
+        read_ply(write(tmp_path, CORNERS, of_face="list uchar int corners"))
 
 
 def test_line_ends_and_other_elements_do_not_matter(tmp_path: Path) -> None:

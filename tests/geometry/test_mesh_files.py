@@ -1,6 +1,7 @@
 """Models as OBJ and glTF: shape, texture and colours are those of the PLY; nothing outside their folder is read."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -244,6 +245,26 @@ def test_a_second_set_of_texture_coordinates_is_refused(tmp_path: Path) -> None:
         read_mesh(change_gltf(tmp_path / "a.gltf", materials=[look]))
 
 
+@pytest.mark.parametrize(
+    ("transform", "expected"),
+    [
+        ({"offset": [0.25, 0.5]}, lambda u, v: (u + 0.25, v + 0.5)),
+        ({"offset": [0, 1], "scale": [2, -1], "texCoord": 0}, lambda u, v: (2 * u, 1 - v)),
+        ({"offset": [0, 1], "rotation": np.pi / 2, "scale": [0.5, 0.25]}, lambda u, v: (v / 4, 1 - u / 2)),  # as in the extension's example
+    ],
+)
+def test_transformed_texture_coordinates_of_gltf_are_read(tmp_path: Path, transform: dict, expected: Callable) -> None:
+    plain = read_mesh(change_gltf(tmp_path / "a.gltf"))
+    material = json.loads((tmp_path / "a.gltf").read_text())["materials"][0]
+    material["pbrMetallicRoughness"]["baseColorTexture"] |= {"texCoord": 1 if "texCoord" in transform else 0}
+    material["pbrMetallicRoughness"]["baseColorTexture"]["extensions"] = {"KHR_texture_transform": transform}
+    used = {"extensionsUsed": ["KHR_texture_transform"], "extensionsRequired": ["KHR_texture_transform"]}
+    mesh = read_mesh(change_gltf(tmp_path / "b.gltf", materials=[material], **used))
+    np.testing.assert_allclose(mesh.uv, np.stack(expected(*(plain.uv * (1, -1) + (0, 1)).T), 1) * (1, -1) + (0, 1), atol=1e-6)
+    with pytest.raises(StepError, match="uses KHR_texture_transform with two materials of one name, which is not read"):
+        read_mesh(change_gltf(tmp_path / "c.gltf", materials=[material, material], **used))
+
+
 def test_colours_of_off_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for colors in ("", " 255 0 0"):
         (tmp_path / "a.off").write_text(f"OFF\n3 1 0\n0 0 0\n90 0 0\n0 90 0\n3 0 1 2{colors}\n")
@@ -251,7 +272,7 @@ def test_colours_of_off_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[s
         assert ("a.off has colours, which are not read of OFF" in capsys.readouterr().err) == bool(colors)
 
 
-@pytest.mark.parametrize("name", ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu", "KHR_texture_transform"])
+@pytest.mark.parametrize("name", ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu"])
 def test_compression_is_refused_by_name(tmp_path: Path, name: str) -> None:
     with pytest.raises(StepError, match=rf"box\.gltf uses {name}, which is not read here; export it without"):
         read_mesh(change_gltf(tmp_path / "box.gltf", extensionsUsed=[name], extensionsRequired=[name]))

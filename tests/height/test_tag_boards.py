@@ -131,6 +131,11 @@ def test_our_boards_are_described_by_files() -> None:
             "kind: tags\ndictionary: 36h11\nmarker_mm: 0.03\n",
             "marker_mm: 0.03 is less than the minimum of 1; expected marker_mm, in mill",
         ),
+        ("kind: tags\ndictionary: 36h11\nmarker_mm: .nan\n", "marker_mm: 'NaN' is not of type 'number'; expected marker_mm, in mill"),
+        (
+            "kind: grid\ndictionary: 36h11\ncolumns: 4\nrows: 3\nmarker_mm: 30\ngap_mm: .inf\n",
+            "gap_mm: 'Infinity' is not of type 'number'",
+        ),
         ("kind: bar\ndictionary: 36h11\nids: [3, 3]\ndistance_mm: 100\n", "ids: .*non-unique"),
         ("kind: charuco\ndictionary: 4x4_50\ncolumns: 5\nrows: 7\nsquare_mm: 20\nmarker_mm: 30\n", "expected less than square_mm, 20"),
         ("kind: chess\n", "has the kind 'chess'; expected one of charuco, grid, tags, bar"),
@@ -153,6 +158,7 @@ def test_a_wrong_description_is_refused(tmp_path: Path, text: str, says: str) ->
 def test_no_board_and_no_tags_are_named(tmp_path: Path) -> None:
     with pytest.raises(StepError, match="there is no board a5; expected a3, a4, a YAML file"):
         read_board("a5")
+    assert read_board("A4") == read_board("a4")
     assert read_board("36h11:48.5").marker_mm == 48.5
     board = read_board("36h11:32")
     with pytest.raises(StepError, match="the photos show no tag of the board 36h11:32; check its dictionary"):

@@ -112,7 +112,7 @@ BAD_GOALS = {
     ),
     "depth in millimetres as metres": (
         {"depth": write_image(SimpleNamespace, np.full((HEIGHT, WIDTH), 700, np.float32), "32FC1", HEADER)},
-        "the median depth is 700 m",
+        "the depth image in 32FC1 is 7e+05 mm in the median",
     ),
     "an empty mask": (
         {"mask_detections": [write_image(SimpleNamespace, np.zeros((HEIGHT, WIDTH), np.uint8), "mono8", HEADER)]},

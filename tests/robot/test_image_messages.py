@@ -71,6 +71,7 @@ def test_a_mask_is_what_is_not_zero(encoding, kind):
         (read_color, message(PHOTO, "rgb8", width=9), "at least 27 bytes a row"),
         (read_color, message(PHOTO, "rgb8", height=0), "7 x 0 px"),
         (read_depth, message(np.zeros((5, 7), np.uint8), "mono8"), "expected 16UC1, mono16, 32FC1"),
+        (read_depth, message(np.full((5, 7), 800, np.float32), "32FC1"), "32FC1 is 8e.05 mm in the median.*taken for metres; send metres"),
         (lambda made: read_mask(made, 2), message(PHOTO, "rgb8"), "mask 2 has the encoding 'rgb8'"),
     ],
 )

@@ -20,6 +20,7 @@ PHOTO_COLORS, MOST_PIXELS, DARK = FEW_LEVELS // 2, 0.8, 16
 """A photo has more colours, of 16 levels a channel, in this share of what has not its usual colour; and a background that was painted
 black is so dark, compressed."""
 PARTED = 0.9  # share of the variance that two levels explain where they are not black and white: most photos have 0.4 to 0.9
+MOST_LABELS = 5  # that are named
 ASPECT_PX = 1.5  # by which the sides of a mask of another size may differ from its photo's aspect: both are rounded
 
 
@@ -60,9 +61,11 @@ def read_user_mask(path: Path, photo_path: Path, photo: PhotoPixels, upright: bo
     """
     with _open_mask(path) as image:
         mask, kind = _find_object(image, path, photo_path)
+        pages = getattr(image, "n_frames", 1)
         own_orientation = int(image.getexif().get(ExifTags.Base.Orientation, UPRIGHT))
     mask, scaled = _fit(mask, own_orientation, path, photo_path, photo, upright)
-    return UserMask(path, mask, ", ".join(filter(None, (kind, scaled))))
+    paged = f"the first of {pages} pictures in a file" if pages > 1 else ""
+    return UserMask(path, mask, ", ".join(filter(None, (kind, scaled, paged))))
 
 
 def _open_mask(path: Path) -> contextlib.AbstractContextManager[Image.Image]:
@@ -96,7 +99,7 @@ def _find_object(image: Image.Image, path: Path, photo_path: Path) -> tuple[np.n
         if (np.ptp(colors, axis=1) > 0).any() or len(np.unique(colors[:, 0])) < len(used):
             black = used[~colors.any(1)]  # programs that choose a palette for each picture may put it anywhere
             background = int(black[0]) if len(black) == 1 else 0
-            return indices != background, f"palettes, index {background} the background"
+            return indices != background, f"palettes, index {background} the background{_tell_labels(used[used != background])}"
         return _part(levels[np.minimum(indices, len(levels) - 1), 0], path, lossless=True)
     pixels = np.asarray(image.convert("RGB") if image.mode in ("CMYK", "YCbCr", "LAB", "HSV") else image)
     if pixels.ndim == 3:
@@ -146,7 +149,15 @@ def _part(levels: np.ndarray, path: Path, lossless: bool) -> tuple[np.ndarray, s
         return marked, ""
     if len(values) == 2:
         return marked, f"level {high:g} on the object"
-    return marked, f"levels above {limit:g} on the object" if len(objects) else "grey, parted half way between their two levels"
+    return marked, f"levels above {limit:g} on the object{_tell_labels(objects)}" if len(
+        objects
+    ) else "grey, parted half way between their two levels"
+
+
+def _tell_labels(labels: np.ndarray) -> str:
+    """That several labels count as one object, in words; empty of a single one."""
+    named = ", ".join(map(str, labels[:MOST_LABELS])) + (" and others" if len(labels) > MOST_LABELS else "")
+    return f", labels {named} together as one object" if len(labels) > 1 else ""
 
 
 def _find_limit(levels: np.ndarray, path: Path) -> float:

@@ -28,6 +28,7 @@ from zeroshop_steps.capture.frame_quality import (
 )
 from zeroshop_steps.capture.photo_files import open_picture
 from zeroshop_steps.geometry.cameras.registered_views import space_evenly
+from zeroshop_steps.geometry.imaging.image_files import check_kind
 from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
@@ -251,6 +252,7 @@ def _open(video: Path) -> cv2.VideoCapture:
         raise StepError(
             f"{video} is no video that can be read; expected {', '.join(VIDEO_SUFFIXES)}: name it so, or export it as mp4 (H.264)"
         )
+    check_kind(video, "film")
     capture = cv2.VideoCapture(str(video))
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
     if not capture.isOpened():

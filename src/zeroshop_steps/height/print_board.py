@@ -11,7 +11,7 @@ from zeroshop_steps.runtime.errors import StepError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
-    parser.add_argument("--board", choices=sorted(BOARDS), default="a4", help="size of the paper (default: %(default)s)")
+    parser.add_argument("--board", type=str.lower, choices=sorted(BOARDS), default="a4", help="size of the paper (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="PDF to write")
 
 

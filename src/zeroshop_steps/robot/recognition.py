@@ -11,9 +11,8 @@ import numpy as np
 
 from zeroshop_steps.bop.formats.bop_scenes import Frame
 from zeroshop_steps.detect.detector_io import read_photo
+from zeroshop_steps.geometry.imaging.depth_images import check_unit
 from zeroshop_steps.runtime.errors import StepError
-
-PLAUSIBLE_DEPTH_MM = (30.0, 30_000.0)  # of the median; outside, the depth is in another unit
 
 
 @dataclass(frozen=True)
@@ -135,13 +134,6 @@ def _check_size(what: str, image: np.ndarray, photo: np.ndarray) -> None:
 
 
 def _check_depth(depth_mm: np.ndarray) -> None:
-    measured = depth_mm[depth_mm > 0]
-    if not len(measured):
+    if not (depth_mm > 0).any():
         raise StepError("the depth image has no measured pixel (all are 0, negative or NaN); check the depth camera")
-    median_mm = float(np.median(measured))
-    low, high = PLAUSIBLE_DEPTH_MM
-    if not low <= median_mm <= high:
-        raise StepError(
-            f"the median depth is {median_mm / 1000:.4g} m; expected {low / 1000:g} to {high / 1000:g} m."
-            " Send 32FC1 in metres or 16UC1 in millimetres"
-        )
+    check_unit(depth_mm, "the depth image", "send 32FC1 in metres or 16UC1 in millimetres")

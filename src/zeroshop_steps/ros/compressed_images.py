@@ -6,7 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
+from zeroshop_steps.geometry.imaging.depth_images import check_unit, depth_to_mm
 from zeroshop_steps.geometry.meshes.units import MM_PER_M
 from zeroshop_steps.runtime.errors import StepError
 
@@ -55,7 +55,9 @@ def read_compressed_depth(message: Any) -> np.ndarray:
         raise StepError(f"{what} has the format {form!r}, but no header that says how its numbers mean metres; record 16UC1, or raw images")
     _, scale, offset = scaling
     depth_mm = MM_PER_M * scale / np.where(raw > offset, raw - offset, np.inf)
-    return np.where(raw > 0, depth_mm, 0.0).astype(np.float32)
+    depth_mm = np.where(raw > 0, depth_mm, 0.0).astype(np.float32)
+    check_unit(depth_mm, f"{what} in {form}", "send metres, or 16UC1 in millimetres")
+    return depth_mm
 
 
 def _decode_rvl(what: str, form: str, content: bytes) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
+from zeroshop_steps.geometry.imaging.depth_images import check_unit, depth_to_mm
 from zeroshop_steps.ros.compressed_images import is_compressed, read_compressed_color, read_compressed_depth
 from zeroshop_steps.runtime.errors import StepError
 
@@ -60,7 +60,7 @@ def read_depth(message: Any) -> np.ndarray | None:
     """(height, width) float32 in mm, 0 where nothing was measured; None of an empty message.
 
     Raises:
-        StepError: the message holds no depth image.
+        StepError: the message holds no depth image, or one of floats that are no metres.
     """
     if is_compressed(message):
         return read_compressed_depth(message)
@@ -69,7 +69,10 @@ def read_depth(message: Any) -> np.ndarray | None:
     _require("the depth image", message, DEPTHS)
     kind, step_mm = DEPTHS[message.encoding]
     depth_mm = depth_to_mm(_read_pixels("the depth image", message, np.dtype(kind), 1)[..., 0], step_mm, "the depth image")
-    return np.where(np.isfinite(depth_mm) & (depth_mm > 0), depth_mm, np.float32(0))
+    depth_mm = np.where(np.isfinite(depth_mm) & (depth_mm > 0), depth_mm, np.float32(0))
+    if kind is not np.uint16:
+        check_unit(depth_mm, f"the depth image in {message.encoding}", "send metres, or 16UC1 in millimetres")
+    return depth_mm
 
 
 def read_mask(message: Any, index: int) -> np.ndarray:

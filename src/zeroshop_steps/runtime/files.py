@@ -102,6 +102,8 @@ def _in_temporary_folder(path: Path) -> bool:
 def _not_written(path: Path, error: OSError) -> StepError:
     """Why a product was not written; where another file is at fault, such as one it is made from, its name."""
     reason, own = error.strerror or error, error.filename is None or _is_own(Path(os.fsdecode(error.filename)), path)
+    if not own and isinstance(error, FileNotFoundError):
+        return StepError(f"{error.filename} does not exist, and {path} is made from it; check the path, or run the step that writes it")
     if not own:
         reason = f"{reason}: {error.filename}"
     return StepError(f"cannot write {path}: {reason}. {remedy_for(error) if own else f'Check that file: {remedy_for(error)}'}")

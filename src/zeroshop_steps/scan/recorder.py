@@ -12,6 +12,7 @@ from zeroshop_steps.capture.cameras_json import FILE, GivenCamera, GivenCameras,
 from zeroshop_steps.capture.frame_quality import MOST_EDGE_BLUR_PX, measure_edge_blur_px
 from zeroshop_steps.capture.upright import make_upright
 from zeroshop_steps.geometry.cameras.transforms import measure_turn_deg
+from zeroshop_steps.geometry.imaging.depth_images import check_unit
 from zeroshop_steps.geometry.imaging.image_files import list_folder
 from zeroshop_steps.geometry.imaging.images import DEPTH_STEP_MM, read_depth_mm, write_depth_mm, write_image
 from zeroshop_steps.geometry.meshes.units import MM_PER_M
@@ -183,8 +184,7 @@ def _check_images(rgb: np.ndarray, depth_m: np.ndarray | None, lens: Lens) -> np
     if not measured.any():
         raise StepError("the depth image is empty: no pixel was measured; is the camera too near, or is its depth stream off?")
     depth_mm = np.where(measured, depth_m, 0.0).astype(float) * MM_PER_M
-    if float(np.median(depth_mm[measured])) > 20 * FARTHEST_MM:
-        raise StepError(f"half of the depth is beyond {np.median(depth_m[measured]):.0f} m; expected metres: it looks like millimetres")
+    check_unit(depth_mm, "the depth image", "give metres")
     return np.where(depth_mm <= FARTHEST_MM, depth_mm, 0.0)
 
 

@@ -136,8 +136,11 @@ def of_transforms(folder: Path, change) -> None:
         (lambda content: content.update(w=120, h=160), "turned or cropped"),
         (lambda content: content.update(depth_unit_scale_factor="mm"), "depth_unit_scale_factor is 'mm'; expected metres"),
         (lambda content: content.update(depth_unit_scale_factor=None), "depth_unit_scale_factor is None; expected metres"),
-        (lambda content: content.pop("depth_unit_scale_factor"), "things 0.4 mm away in the median, at 1 mm a step"),
-        (lambda content: content.update(depth_unit_scale_factor=1000.0), "things 4e.05 mm away in the median"),
+        (lambda content: content.pop("depth_unit_scale_factor"), "at 1 mm a step, is 0.4 mm in the median"),
+        (
+            lambda content: content.update(depth_unit_scale_factor=1000.0),
+            "is 4e.05 mm in the median.*it looks like millimetres, taken for metres",
+        ),
     ],
 )
 def test_a_bad_transforms_json_is_refused_in_words(change, said, tmp_path):

@@ -14,10 +14,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.bop.formats.pose_checks import NEAREST_MM, check_rotations, check_translations, make_transform
+from zeroshop_steps.bop.formats.pose_checks import check_rotations, check_translations, make_transform
 from zeroshop_steps.bop.formats.schema import read_validated
 from zeroshop_steps.geometry.cameras.pinhole import Camera
-from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
+from zeroshop_steps.geometry.imaging.depth_images import check_unit, depth_to_mm
 from zeroshop_steps.geometry.imaging.image_files import read_size_px
 from zeroshop_steps.geometry.imaging.images import decode_image, read_image, read_mask
 from zeroshop_steps.runtime.errors import StepError
@@ -28,7 +28,6 @@ HALF_PX = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 FOLDER_NAME = re.compile(r"(obj_)?(?P<number>\d+)(_up|_down)?")
 """Of scenes, `000048`, and of onboarding sequences, `obj_000005_up`, `obj_000005_down` (static) and `obj_000005` (dynamic)."""
 IMAGE_SUFFIXES = (".png", ".jpg", ".tif")
-FARTHEST_MM = 1e5  # median depth above which millimetres were taken for metres
 LEAST_FOCAL_PX = 10.0  # less is that of a camera matrix for an image of width 1
 
 
@@ -169,17 +168,8 @@ def check_depth(depth_mm: np.ndarray, frame: Frame, photo_px: tuple[int, int] | 
             f"{frame.image_path('depth') or 'the depth image'} is {depth_mm.shape[1]} x {depth_mm.shape[0]} px, its colour image is"
             f" {photo_px[0]} x {photo_px[1]} px; align depth with colour first"
         )
-    middle_mm = float(np.median(depth_mm[depth_mm > 0])) if (depth_mm > 0).any() else NEAREST_MM
-    if middle_mm > FARTHEST_MM:
-        raise StepError(
-            f"the depth of {frame.name} is {middle_mm:.3g} mm in the median: that looks like millimetres that are taken for metres; write"
-            f" metres into images of floats, and in files correct depth_scale in {frame.folder / 'scene_camera.json'}"
-        )
-    if middle_mm < NEAREST_MM:
-        raise StepError(
-            f"the depth of {frame.name} is {middle_mm:.3g} mm in the median: that looks like metres. Multiply it by 1000; in files,"
-            f" depth_scale in {frame.folder / 'scene_camera.json'} is millimetres per step of the depth image"
-        )
+    remedy = f"correct depth_scale in {frame.folder / 'scene_camera.json'}, which is millimetres per step of the depth image"
+    check_unit(depth_mm, f"the depth of {frame.name}", f"in files, {remedy}; elsewhere, give millimetres")
 
 
 def read_scene(folder: Path, truth_needed: bool = True) -> dict[int, Frame]:

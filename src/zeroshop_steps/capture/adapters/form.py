@@ -14,7 +14,7 @@ from PIL import Image
 
 from zeroshop_steps.capture.cameras_json import FILE, GivenCamera, GivenCameras, Lens, check_pose
 from zeroshop_steps.capture.photo_files import UPRIGHT, open_picture
-from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm, read_exr
+from zeroshop_steps.geometry.imaging.depth_images import check_unit, depth_to_mm, read_exr
 from zeroshop_steps.geometry.imaging.images import DEPTH_STEP_MM, decode_image, write_image
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
@@ -24,8 +24,6 @@ UNITS_M = {"m": 1.0, "mm": 0.001, "unknown": None}
 """Metres of the units that poses may have."""
 AS_THEY_ARE = {"JPEG": ".jpg", "PNG": ".png"}
 MOST_NAMED = 5
-NEAREST_MM, FARTHEST_MM = 20.0, 30_000.0
-"""Of what a depth camera sees in the median: no object stands nearer to one, and no room is deeper."""
 OFF_CENTRE = 0.2  # of the image's sides; cameras are built to have the lens's centre in the middle
 EXIF_ORIENTATION = 274
 
@@ -171,7 +169,10 @@ def write_common_form(
                     medians_mm.append(float(np.median(depth_mm[depth_mm > 0])))
                 steps = np.round(depth_mm / DEPTH_STEP_MM)
                 write_image(folder / "depth" / f"{name}.png", np.where(steps < 2**16, steps, 0).astype(np.uint16))
-        _check_depth_unit(medians_mm, found)
+        if medians_mm:
+            first_mm = next(frame.depth_step_mm for frame in found.frames if frame.depth)
+            remedy = "export it in the unit that its format says"
+            check_unit(np.array(medians_mm), f"{found.source}: depth, at {first_mm:g} mm a step,", remedy)
         _tell_odd_lenses(list(cameras.values()), found)
         lost = [
             frame.image.name
@@ -188,16 +189,6 @@ def write_common_form(
         deviations = (position_deviation_m, rotation_deviation_deg) if found.metres else (None, rotation_deviation_deg)
         step_mm = DEPTH_STEP_MM if any(frame.depth for frame in found.frames) else None
         GivenCameras(cameras, found.source, found.metres is not None, *deviations, step_mm).write(folder / FILE)
-
-
-def _check_depth_unit(medians_mm: Sequence[float], found: ImportedCapture) -> None:
-    """Raise StepError where depth is no distance of a depth camera: it has another unit than its format says."""
-    if medians_mm and not NEAREST_MM <= (median_mm := float(np.median(medians_mm))) <= FARTHEST_MM:
-        step_mm = next(frame.depth_step_mm for frame in found.frames if frame.depth)
-        raise StepError(
-            f"{found.source}: depth shows things {median_mm:.3g} mm away in the median, at {step_mm:g} mm a step: it has another unit than"
-            " its format says, such as metres for millimetres; export it in that unit"
-        )
 
 
 def _tell_odd_lenses(cameras: Sequence[GivenCamera], found: ImportedCapture) -> None:

@@ -17,15 +17,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import manifold3d
 import numpy as np
 
 from zeroshop_steps.finish.clean import simplify
-from zeroshop_steps.finish.closing.underside import STATES, Underside, close_underside, find_open_borders, leave_open, make_plane_axes
+from zeroshop_steps.finish.closing.underside import STATES, Underside, close_underside, find_open_borders, leave_open
 from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_VIEWS
 from zeroshop_steps.geometry.alignment.surface_distance import count_seeing_views, measure_distances
 from zeroshop_steps.geometry.cameras.registered_views import View
 from zeroshop_steps.geometry.meshes.meshlab import VOXEL_STEPS
+from zeroshop_steps.geometry.meshes.polygons import triangulate
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.surface.mvs.seeds import read_confirmed_points
 
@@ -40,8 +40,6 @@ SMALL_HOLES_DIAGONALS = 1.0
 clamp has 0.6, a mug whose plain inside is torn 7.8; real captures with torn surfaces have 13."""
 ADDED_DIAGONALS = 0.005
 """A face farther than this from the measured surface, in diagonals of the object, was added."""
-UPRIGHT_SHARE = 0.9
-"""A filled hole is accepted where its border, seen along its normal, hardly overlaps itself: by area."""
 UPRIGHT_CERTAINTY, FLOOR_DIAGONALS = 0.9, 0.005
 """Where cameras were held as upright as this (1: all agree), nothing is closed farther below the mesh than this."""
 HOLLOWS = ("opened", "kept")
@@ -223,18 +221,9 @@ def fill_small_holes(mesh: Mesh, underside: Underside, views: Sequence[View]) ->
 
 def _triangulate(vertices: np.ndarray, border: np.ndarray) -> np.ndarray | None:
     """(T, 3) faces over a border, a closed chain of vertices; None where it is too far from flat to be spanned."""
-    points = vertices[border] - vertices[border].mean(0)
-    normal = -np.cross(points, np.roll(points, -1, 0)).sum(0)
-    length = np.linalg.norm(normal)
-    if length == 0.0:
-        return None
-    flat = points[::-1] @ make_plane_axes(normal / length).T  # the border runs clockwise about the side that the hole's faces show
-    index = manifold3d.triangulate([flat], allow_convex=False)
-    (ax, ay), (bx, by), (cx, cy) = flat[index].transpose(1, 2, 0)
-    areas = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-    if areas.sum() < UPRIGHT_SHARE * np.abs(areas).sum() or len(index) != len(border) - 2:
-        return None
-    return border[::-1][index]
+    around = border[::-1]  # it runs clockwise about the side that the hole's faces show
+    index = triangulate(vertices[around])
+    return None if index is None else around[index]
 
 
 def _is_seen(mesh: Mesh, faces: np.ndarray, views: Sequence[View], photos: int = AGREEING_VIEWS) -> np.ndarray:

@@ -12,6 +12,7 @@ from typing import Any
 import manifold3d
 import numpy as np
 
+from zeroshop_steps.geometry.meshes.polygons import make_plane_axes
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, number_edges
 
 STATES = ("closed", "open")
@@ -139,12 +140,6 @@ def _vector_area(chain: np.ndarray) -> np.ndarray:
     """(3,) area enclosed by a closed (N, 3) chain, as a vector along its normal."""
     around = chain - chain.mean(0)
     return np.cross(around, np.roll(around, -1, 0)).sum(0) / 2
-
-
-def make_plane_axes(normal: np.ndarray) -> np.ndarray:
-    """(2, 3) unit axes of the plane with this (3,) unit normal; with the normal as the third, they are right-handed."""
-    across = np.linalg.svd(normal[None])[2][1:]
-    return across[::-1] if np.linalg.det(np.stack([*across, normal])) < 0 else across
 
 
 def _fill(borders: list[np.ndarray], diagonal: float) -> tuple[np.ndarray, np.ndarray] | None:

@@ -8,6 +8,7 @@
 `dictionary` is 36h11 and so on for AprilTag, 5x5_1000 and so on for ArUco. A file of Kalibr (target_type: aprilgrid) is read, too.
 """
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -48,7 +49,7 @@ def read_board(name: str) -> Board | TagBoard:
     Raises:
         StepError: the file is missing, or does not describe a board.
     """
-    own = OWN / f"{name}.yaml"
+    own = OWN / f"{name.lower()}.yaml"
     single = OF_ONE_TAG.fullmatch(name)
     if single:
         return _make(name, {"kind": "tags", "dictionary": single["dictionary"], "marker_mm": float(single["side"])})
@@ -83,6 +84,7 @@ def _make(name: str, content: Any) -> Board | TagBoard:
         raise StepError(f"board {name} has {f'the kind {kind!r}' if kind else 'no kind'}; expected one of {', '.join(KINDS)}")
     needed, possible = KINDS[content["kind"]]
     given = {key: value for key, value in content.items() if key not in ("kind", "dictionary")}
+    given = json.loads(json.dumps(given, default=str), parse_constant=str)  # NaN and infinities become words, which no schema takes
     schema = {"required": list(needed), "properties": needed | possible, "additionalProperties": False}
     error = next(jsonschema.Draft202012Validator(schema).iter_errors(given), None)
     if error is not None:

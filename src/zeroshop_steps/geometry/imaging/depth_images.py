@@ -6,6 +6,8 @@ import numpy as np
 
 from zeroshop_steps.runtime.errors import StepError, warn
 
+NEAREST_MM, FARTHEST_MM = 20.0, 30_000.0
+"""Of what a depth camera sees in the median: no object stands nearer to one, and no room is deeper."""
 ROTATED_BITS, BITS = 3, 16
 """SUN3D (Xiao et al., ICCV 2013) stores millimetres with their bits rotated to the left by 3, so that other programs show a picture."""
 LEAST_DIFFERENT = 16  # values of an image that tells; fewer may be multiples of 8 by chance
@@ -27,6 +29,15 @@ def depth_to_mm(raw: np.ndarray, step_mm: float, name: str) -> np.ndarray:
         warn(f"{name}: all numbers are multiples of 8, so their bits are rotated by 3, as in SUN3D; they are turned back")
         raw = (raw >> ROTATED_BITS) | (raw << (BITS - ROTATED_BITS))
     return raw.astype(np.float32) * np.float32(step_mm)
+
+
+def check_unit(depth_mm: np.ndarray, what: str, remedy: str) -> None:
+    """Raise StepError where the median of what was measured (above 0) is nothing that a camera sees: it has another unit than it says."""
+    median_mm = float(np.median(depth_mm[depth_mm > 0])) if (depth_mm > 0).any() else NEAREST_MM
+    if not NEAREST_MM <= median_mm <= FARTHEST_MM:
+        expected = f"{NEAREST_MM:g} to {FARTHEST_MM:g} mm are expected"
+        unit = "metres, taken for millimetres" if median_mm < NEAREST_MM else "millimetres, taken for metres"
+        raise StepError(f"{what} is {median_mm:.3g} mm in the median, and {expected}: it looks like {unit}; {remedy}")
 
 
 def read_exr(path: Path) -> np.ndarray:

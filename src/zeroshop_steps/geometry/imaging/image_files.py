@@ -102,15 +102,15 @@ def check_size(path: Path, size_px: tuple[int, int]) -> None:
         )
 
 
-def check_kind(path: Path) -> None:
-    """Raise StepError where a path is no file, its name is no text, or it only points to the picture."""
+def check_kind(path: Path, what: str = "photo") -> None:
+    """Raise StepError where a path is no file, its name is no text, or it only points to the picture, which is such a thing."""
     check_name(path)
     if not path.is_file():
         kind = "a folder" if path.is_dir() else "a link that leads nowhere" if path.is_symlink() else "no file"
-        raise StepError(f"{path} is {kind}, not a photo; remove it, or put the photo itself there")
+        raise StepError(f"{path} is {kind}, not a {what}; remove it, or put the {what} itself there")
     with contextlib.suppress(OSError), path.open("rb") as file:  # what may not be read is told where it is decoded
         if file.read(32).startswith(GIT_LFS_POINTER):
-            raise StepError(f"{path} is a pointer of Git LFS, not a photo; fetch the photo itself by git lfs pull")
+            raise StepError(f"{path} is a pointer of Git LFS, not a {what}; fetch the {what} itself by git lfs pull")
 
 
 def is_text(name: str) -> bool:

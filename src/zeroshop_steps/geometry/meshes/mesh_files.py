@@ -16,6 +16,7 @@ import numpy as np
 from zeroshop_steps.geometry.imaging.image_files import any_size, to_rgb
 from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES, write_image
 from zeroshop_steps.geometry.meshes.ply_surface import find_beside, find_textures, read_ply, read_texture, require_mesh_file
+from zeroshop_steps.geometry.meshes.polygons import cut_obj
 from zeroshop_steps.geometry.meshes.surface_parts import SurfacePart, join_parts, with_texture
 from zeroshop_steps.geometry.meshes.triangle_meshes import OBJECT_SIZES_M, Mesh, write_ply
 from zeroshop_steps.geometry.meshes.units import MM_PER_M
@@ -24,7 +25,8 @@ from zeroshop_steps.runtime.errors import StepError, warn
 GLTF = (".glb", ".gltf")
 SUFFIXES = (".ply", ".obj", *GLTF, ".stl", ".off")
 """Formats, the preferred one first."""
-READABLE = ("KHR_materials_", "KHR_lights_", "KHR_xmp", "KHR_texture_basisu", "EXT_texture_webp", "KHR_draco_mesh_compression")
+TRANSFORM = "KHR_texture_transform"
+READABLE = ("KHR_materials_", "KHR_lights_", "KHR_xmp", "KHR_texture_basisu", "EXT_texture_webp", "KHR_draco_mesh_compression", TRANSFORM)
 """Extensions of glTF that may be in a file, as long as it does not require them: they change no shape, or have a substitute."""
 TEXTURE_OPTIONS = re.compile(
     r"(-(clamp|blend[uv]|cc) (on|off) +|-(bm|boost|texres|imfchan|colorspace) \S+ +"
@@ -52,10 +54,9 @@ def read_mesh(path: Path) -> Mesh:
     if suffix not in SUFFIXES:
         raise StepError(f"mesh {path} is of no format that is read: {', '.join(SUFFIXES)}; export it as PLY")
     require_mesh_file(path)
-    if suffix in GLTF:
-        _check_gltf(path)
+    transforms = _check_gltf(path) if suffix in GLTF else {}
     try:
-        mesh = _tell_untextured(path, join_parts(_read_parts(path)))
+        mesh = _tell_untextured(path, join_parts(_read_parts(path, transforms)))
     except StepError:
         raise
     except Exception as error:
@@ -115,7 +116,7 @@ def _tell_untextured(path: Path, mesh: Mesh) -> Mesh:
     return mesh
 
 
-def _read_parts(path: Path) -> list[SurfacePart]:
+def _read_parts(path: Path, transforms: Mapping[str | None, Mapping[str, Any]]) -> list[SurfacePart]:
     """The parts of all materials, placed in the scene. Raises StepError where there is no face, or a file cannot be used."""
     import trimesh
     from trimesh.exchange.gltf.extensions import register_handler
@@ -124,9 +125,9 @@ def _read_parts(path: Path) -> list[SurfacePart]:
     files = _FolderFiles(path)
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # what matters of its complaints is raised here
     kind, content = path.suffix[1:].lower(), path.read_bytes().removeprefix(codecs.BOM_UTF8)
-    content = _scale_colors(content) if kind == "obj" else content
     if kind == "obj" and ZERO.search(content):
         raise StepError(f"mesh {path} has a face of vertex 0, but OBJ counts from 1; export it again, or as PLY")
+    content = cut_obj(_scale_colors(content)) if kind == "obj" else content
     last = content.split(b"#")[0].rstrip().rpartition(b"\n")[2].split() if kind == "off" else []
     if content[:4] in (b"COFF", b"CNOF") or (last and last[0].isdigit() and len(last) > int(last[0]) + 1):
         warn(f"mesh {path} has colours, which are not read of OFF, and is used without them; export it as PLY")
@@ -134,7 +135,7 @@ def _read_parts(path: Path) -> list[SurfacePart]:
         scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=files, process=False, group_material=True)
     if files.refused:
         raise files.refused[0]
-    parts = [_to_part(one) for one in scene.dump() if isinstance(one, trimesh.Trimesh) and len(one.faces)]
+    parts = [_to_part(one, transforms) for one in scene.dump() if isinstance(one, trimesh.Trimesh) and len(one.faces)]
     if not parts:
         raise StepError(
             f"mesh {path} has no faces{', or is cut off' if kind == 'stl' else ''}; a surface is needed: export it again, or make a"
@@ -204,7 +205,7 @@ class _FolderFiles(Mapping):
         return content
 
 
-def _to_part(loaded: Any) -> SurfacePart:
+def _to_part(loaded: Any, transforms: Mapping[str | None, Mapping[str, Any]]) -> SurfacePart:
     """A trimesh with its texture, or with the colours of its material, vertices or faces."""
     from trimesh.visual.material import SimpleMaterial
 
@@ -230,15 +231,30 @@ def _to_part(loaded: Any) -> SurfacePart:
         # The diffuse colour of MTL is often left black beside a texture; glTF's factor multiplies it.
         if hasattr(material, "baseColorTexture") and (tint < 1).any():
             texture = np.rint(texture * tint).astype(np.uint8)
-        return SurfacePart(replace(surface, uv=np.asarray(visual.uv, float)[:, :2], texture=texture))
+        uv = _transform(np.asarray(visual.uv, float)[:, :2], transforms.get(material.name, {}))
+        return SurfacePart(replace(surface, uv=uv, texture=texture))
     colors = visual.vertex_attributes.get("color") if hasattr(visual, "vertex_attributes") else None
     if colors is None:
         colors = np.tile(np.rint(255 * tint), (len(surface.vertices), 1))
     return SurfacePart(replace(surface, colors=np.asarray(colors)[:, :3].astype(np.uint8)))
 
 
-def _check_gltf(path: Path) -> None:
-    """Raise StepError where a glTF needs an extension that is not read here, such as a compression."""
+def _transform(uv: np.ndarray, transform: Mapping[str, Any]) -> np.ndarray:
+    """(V, 2) texture coordinates after glTF's KHR_texture_transform, for which v points down: scaled, turned as the image shows, moved."""
+    if not transform:
+        return uv
+    turn = transform.get("rotation", 0.0)
+    moved = np.stack([uv[:, 0], 1 - uv[:, 1]], 1) * transform.get("scale", (1, 1))
+    moved = moved @ [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]] + transform.get("offset", (0, 0))
+    return np.stack([moved[:, 0], 1 - moved[:, 1]], 1)
+
+
+def _check_gltf(path: Path) -> dict[str | None, dict[str, Any]]:
+    """How each material's texture is transformed, by the material's name.
+
+    Raises:
+        StepError: the glTF needs an extension that is not read here, such as a compression.
+    """
     content = path.read_bytes()
     if content[:4] == b"glTF":
         content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
@@ -246,20 +262,27 @@ def _check_gltf(path: Path) -> None:
         facts = json.loads(content)
         required, used = (facts.get(key, []) for key in ("extensionsRequired", "extensionsUsed"))
         sources = [texture.get("source") for texture in facts.get("textures", [])]
-        second = any(
-            "baseColorTexture" in (look := one.get("pbrMetallicRoughness", {})) and look["baseColorTexture"].get("texCoord")
-            for one in facts.get("materials", [])
-        )
+        textures = {one.get("name"): _find_color(one) for one in facts.get("materials", [])}
+        transforms = {name: texture.get("extensions", {}).get(TRANSFORM, {}) for name, texture in textures.items()}
+        second = any(transforms[name].get("texCoord", texture.get("texCoord")) for name, texture in textures.items())
+        alike = any(transforms.values()) and len(textures) < len(facts["materials"])
     except (ValueError, AttributeError) as error:
         raise StepError(f"mesh {path} cannot be read as glTF ({error}); export it again, or as PLY") from None
-    lacking = [name for name in required if not name.startswith(READABLE[0])]
+    lacking = [name for name in required if not name.startswith((READABLE[0], TRANSFORM))]
     lacking += [name for name in used if not name.startswith(READABLE) and name not in lacking]
     if None in sources:
         lacking += [name for name in used if name.endswith("basisu") and name not in lacking]
-    lacking += ["a second set of texture coordinates"] if second else []
+    lacking += ["a second set of texture coordinates"] * second + [f"{TRANSFORM} with two materials of one name"] * alike
     if lacking:
         raise StepError(
             f"mesh {path} uses {', '.join(lacking)}, which is not read here; export it without compression, with PNG or JPEG"
-            " textures and one set of texture coordinates, not transformed (Blender: import it, and export glTF with these options off),"
+            " textures and one set of texture coordinates (Blender: import it, and export glTF with these options off),"
             " or as PLY"
         )
+    return transforms
+
+
+def _find_color(material: Mapping[str, Any]) -> dict[str, Any]:
+    """The texture of glTF's material that is used, as `_to_part` chooses."""
+    older = material.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness", {}).get("diffuseTexture")
+    return older or material.get("pbrMetallicRoughness", {}).get("baseColorTexture") or material.get("emissiveTexture") or {}

@@ -13,6 +13,7 @@ from zeroshop_steps.geometry.imaging.image_files import any_size, to_rgb
 from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES, read_image
 from zeroshop_steps.geometry.meshes.mesh_repair import find_triangles
 from zeroshop_steps.geometry.meshes.ply_tables import Element, Lists, PlyTables, read_ply_tables, read_remarks
+from zeroshop_steps.geometry.meshes.polygons import cut_polygons
 from zeroshop_steps.geometry.meshes.surface_parts import SurfacePart, join_parts
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError, warn
@@ -50,10 +51,13 @@ def read_ply(path: Path) -> Mesh:
         raise StepError(f"mesh {path} has no vertices with x, y and z; export it again")
     vertices = _stack(vertex.columns, ("x", "y", "z"))
     assert vertices is not None
-    faces, polygons, corners = _triangles(tables)
+    faces, polygons, corners = _triangles(tables, vertices)
     if not len(faces):
         remedy = "Export it again."
-        if len(vertices):
+        if face is not None and face.rows and not set(CORNERS) & set(face.lists):
+            names = " and ".join(face.lists) or "nothing"
+            remedy = f"Its faces have lists of {names}, not of {' or '.join(CORNERS)}: rename that of the corners in the header."
+        elif len(vertices):
             kind = "It holds 3D Gaussians (splats)" if "f_dc_0" in vertex.columns else "It is a point cloud"
             remedy = f"{kind}: make a surface of it, such as by Screened Poisson in MeshLab."
         raise StepError(f"mesh {path} has {len(vertices)} vertices and {len(faces)} faces; a surface is needed. {remedy}")
@@ -80,7 +84,7 @@ def read_ply(path: Path) -> Mesh:
         quality.astype(float) if known and quality is not None else None,
         _colors(vertex),
     )
-    corner_uv = _corner_coordinates(face, corners, path) if face is not None and surface.uv is None else None
+    corner_uv = _corner_coordinates(face, polygons, corners, path) if face is not None and surface.uv is None else None
     for values in (surface.uv, corner_uv):
         if values is not None and not (np.abs(values) <= LARGEST_TEXTURE_COORDINATE).all():
             raise StepError(
@@ -191,14 +195,15 @@ def find_beside(path: Path, name: str, what: str) -> Path:
     return next((one for one in alike if one.name.casefold() == found.name.casefold()), found)
 
 
-def _triangles(tables: PlyTables) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+def _triangles(tables: PlyTables, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
     """(F, 3) faces; (F,) the polygons that they are of, and (F, 3) their corners in these: None of strips."""
     face = tables.elements.get("face")
     listed = next((face.lists[name] for name in CORNERS if face is not None and name in face.lists), None)
-    if listed is not None and len(listed.values):
-        polygons, corners = _fan(listed.counts)
+    if listed is not None and len(listed.values) and len(vertices):
+        values = listed.values.astype(np.int64)
+        polygons, corners = cut_polygons(vertices[np.clip(values, 0, len(vertices) - 1)], listed.counts)
         starts = np.cumsum(listed.counts) - listed.counts
-        return listed.values.astype(np.int64)[starts[polygons][:, None] + corners], polygons, corners
+        return values[starts[polygons][:, None] + corners], polygons, corners
     strips = tables.elements.get("tristrips")
     if strips is None:
         return np.zeros((0, 3), np.int64), None, None
@@ -214,21 +219,12 @@ def _triangles(tables: PlyTables) -> tuple[np.ndarray, np.ndarray | None, np.nda
     return np.concatenate(found) if found else np.zeros((0, 3), np.int64), None, None
 
 
-def _fan(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The (F,) polygons and (F, 3) corners of the triangles that polygons of so many corners are cut into."""
-    triangles = np.maximum(counts - 2, 0)
-    polygons = np.repeat(np.arange(len(counts)), triangles)
-    second = np.arange(len(polygons)) - np.repeat(np.cumsum(triangles) - triangles, triangles) + 1
-    return polygons, np.stack([np.zeros_like(second), second, second + 1], 1)
-
-
-def _corner_coordinates(face: Element, corners: np.ndarray | None, path: Path) -> np.ndarray | None:
+def _corner_coordinates(face: Element, polygons: np.ndarray | None, corners: np.ndarray | None, path: Path) -> np.ndarray | None:
     """(F, 3, 2) texture coordinates of the triangles' corners, 0 where a polygon has none. Raises StepError where it has half of them."""
     listed: Lists | None = face.lists.get("texcoord")
     sizes = next((face.lists[name].counts for name in CORNERS if name in face.lists), None)
-    if listed is None or corners is None or sizes is None or not len(listed.values):
+    if listed is None or polygons is None or corners is None or sizes is None or not len(listed.values):
         return None
-    polygons, _ = _fan(sizes)
     starts, whole = np.cumsum(listed.counts) - listed.counts, listed.counts == 2 * sizes
     odd = np.flatnonzero(~whole & (listed.counts > 0))
     if len(odd):

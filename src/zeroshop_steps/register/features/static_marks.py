@@ -26,7 +26,8 @@ MOST_CELLS = 0.3
 to 8 of 64 cells, and a plain picture has features in less than half of them."""
 LEAST_SHARE, LEAST_AGAIN = 1 / 3, 3
 """Of the photos against which a picture changes, a feature of a mark is found again in so large a share, and in so many: what lies around a
-letter changes how SIFT finds it. By chance, a feature is like one at its place in one photo now and then, hardly in three."""
+letter changes how SIFT finds it. By chance, a feature is like one at its place in one photo now and then, hardly in three.
+Among five photos, the fewest that are looked at, that is three of four others: single features, and faint marks, then stay."""
 LEAST_PARTNERS = 4  # photos against which a picture changes: among fewer, one pair that is alike by chance counts too much
 MOST_IMAGES = 0.5  # of the photos: what stands still in fewer of them is no mark of the camera
 LEAST_FEATURES = 8  # of all marks, in the median photo: with fewer, a pair does not reach the 15 matches that verify it

@@ -139,7 +139,7 @@ def _find_files(folder: Path, views: Sequence[View], capture_record: Path, numbe
     for stem, own in stems.items():
         path = folder / f"{Path(names[int(own)]).stem if names else own}.png"
         if os.path.lexists(path):
-            check_kind(path)
+            check_kind(path, "depth image")
             found[stem] = path
     return found
 
