@@ -43,4 +43,7 @@ def test_detections_poses_and_the_worst_are_drawn(dataset, capsys):
     )
     assert stage_main("zeroshop_steps.bop", [*map(str, draw), *map(str, given)]) == 0, "without any estimate"
     assert not (folder / "pictures/worst.png").exists()
+    (folder / "errors.csv").unlink()
+    assert stage_main("zeroshop_steps.bop", [*map(str, draw), *map(str, given)]) == 1
+    assert "errors.csv does not exist, and" in capsys.readouterr().err
     assert stage_main("zeroshop_steps.bop", list(map(str, draw))) == 1 and "nothing to draw" in capsys.readouterr().err

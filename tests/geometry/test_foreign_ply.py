@@ -219,9 +219,7 @@ def test_polygons_become_triangles(tmp_path: Path, form: str) -> None:
 
 
 def test_faces_whose_corners_have_another_name_are_no_point_cloud(tmp_path: Path) -> None:
-    with pytest.raises(
-        StepError, match="4 vertices and 0 faces; .* Its faces have lists of corners, not of vertex_indices or vertex_index"
-    ):
+    with pytest.raises(StepError, match="4 vertices and 0 faces; .* Its faces have corners, not vertex_indices or vertex_index: rename"):
         read_ply(write(tmp_path, CORNERS, of_face="list uchar int corners"))
 
 

@@ -76,8 +76,8 @@ def test_photos_that_were_renamed_keep_their_depth(measure):
 @pytest.mark.parametrize(
     ("how", "message"),
     [
-        ({"change": lambda depth, _: depth / 1000}, "looks like another unit"),
-        ({"change": lambda depth, _: depth * 12}, "looks like another unit"),
+        ({"change": lambda depth, _: depth / 1000}, "looks like metres"),
+        ({"change": lambda depth, _: depth * 12}, "looks like millimetres, taken for metres"),
         ({"change": lambda depth, _: depth * 2, "capture": {"known_height_m": 0.09 * MM_A_UNIT}}, "by depth_camera .* by its known height"),
         ({"capture": {"source_frames": [0, 9]}}, "belong to photos"),
         ({"change": lambda depth, _: np.roll(depth, 40, axis=1)}, "not aligned with the photos"),

@@ -159,8 +159,8 @@ def test_depth_of_rotated_bits_is_turned_back(read_ball, capsys) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda mm: steps(mm / 10), r"depth image .*\.png puts the object .* mm away: it looks like another unit"),
-        (lambda mm: steps(mm * 50), "looks like another unit"),
+        (lambda mm: steps(mm / 10), r"\.png: the object's depth, at 1 mm a step, is .* mm in the median"),
+        (lambda mm: steps(mm * 50), "expected 50 to 5000"),
         (lambda mm: np.roll(steps(mm), 40, axis=1), "not aligned with the photos"),
         (lambda mm: steps(mm)[::2, ::2].copy(), "64 x 64 px, its photo 128 x 128 px.*not aligned"),
         (lambda mm: (mm / 8).astype(np.uint8), "uint8.*expected a 16-bit PNG"),

@@ -20,7 +20,6 @@ PHOTO_COLORS, MOST_PIXELS, DARK = FEW_LEVELS // 2, 0.8, 16
 """A photo has more colours, of 16 levels a channel, in this share of what has not its usual colour; and a background that was painted
 black is so dark, compressed."""
 PARTED = 0.9  # share of the variance that two levels explain where they are not black and white: most photos have 0.4 to 0.9
-MOST_LABELS = 5  # that are named
 ASPECT_PX = 1.5  # by which the sides of a mask of another size may differ from its photo's aspect: both are rounded
 
 
@@ -61,10 +60,9 @@ def read_user_mask(path: Path, photo_path: Path, photo: PhotoPixels, upright: bo
     """
     with _open_mask(path) as image:
         mask, kind = _find_object(image, path, photo_path)
-        pages = getattr(image, "n_frames", 1)
+        paged = f"the first of {pages} pictures in a file" if (pages := getattr(image, "n_frames", 1)) > 1 else ""
         own_orientation = int(image.getexif().get(ExifTags.Base.Orientation, UPRIGHT))
     mask, scaled = _fit(mask, own_orientation, path, photo_path, photo, upright)
-    paged = f"the first of {pages} pictures in a file" if pages > 1 else ""
     return UserMask(path, mask, ", ".join(filter(None, (kind, scaled, paged))))
 
 
@@ -149,14 +147,12 @@ def _part(levels: np.ndarray, path: Path, lossless: bool) -> tuple[np.ndarray, s
         return marked, ""
     if len(values) == 2:
         return marked, f"level {high:g} on the object"
-    return marked, f"levels above {limit:g} on the object{_tell_labels(objects)}" if len(
-        objects
-    ) else "grey, parted half way between their two levels"
+    return marked, f"levels above {limit:g} on the object{_tell_labels(objects)}" if len(objects) else "grey, parted half way between two"
 
 
 def _tell_labels(labels: np.ndarray) -> str:
     """That several labels count as one object, in words; empty of a single one."""
-    named = ", ".join(map(str, labels[:MOST_LABELS])) + (" and others" if len(labels) > MOST_LABELS else "")
+    named = ", ".join(map(str, labels[:FEW_LEVELS])) + " and more" * (len(labels) > FEW_LEVELS)
     return f", labels {named} together as one object" if len(labels) > 1 else ""
 
 

@@ -113,7 +113,9 @@ def _check_request(request: RecognitionRequest) -> None:
         raise StepError(f"the camera matrix is {request.intrinsics.tolist()}; expected finite numbers and positive focal lengths")
     if request.depth_mm is not None:
         _check_size("the depth image", request.depth_mm, request.photo)
-        _check_depth(request.depth_mm)
+        if not (request.depth_mm > 0).any():
+            raise StepError("the depth image has no measured pixel (all are 0, negative or NaN); check the depth camera")
+        check_unit(request.depth_mm, "the depth image", "send 32FC1 in metres or 16UC1 in millimetres")
     for index, mask in enumerate(request.masks):
         _check_size(f"mask {index}", mask, request.photo)
         if not mask.any():
@@ -131,9 +133,3 @@ def _check_size(what: str, image: np.ndarray, photo: np.ndarray) -> None:
     if image.shape != photo.shape[:2]:
         sizes = " x ".join(map(str, image.shape[::-1])), f"{photo.shape[1]} x {photo.shape[0]}"
         raise StepError(f"{what} is {sizes[0]} px, the colour image is {sizes[1]} px; send images of one size, aligned with each other")
-
-
-def _check_depth(depth_mm: np.ndarray) -> None:
-    if not (depth_mm > 0).any():
-        raise StepError("the depth image has no measured pixel (all are 0, negative or NaN); check the depth camera")
-    check_unit(depth_mm, "the depth image", "send 32FC1 in metres or 16UC1 in millimetres")

@@ -56,8 +56,7 @@ def read_compressed_depth(message: Any) -> np.ndarray:
     _, scale, offset = scaling
     depth_mm = MM_PER_M * scale / np.where(raw > offset, raw - offset, np.inf)
     depth_mm = np.where(raw > 0, depth_mm, 0.0).astype(np.float32)
-    check_unit(depth_mm, f"{what} in {form}", "send metres, or 16UC1 in millimetres")
-    return depth_mm
+    return check_unit(depth_mm, f"{what} in {form}", "send metres, or 16UC1 in millimetres")
 
 
 def _decode_rvl(what: str, form: str, content: bytes) -> np.ndarray:

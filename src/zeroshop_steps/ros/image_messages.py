@@ -70,9 +70,7 @@ def read_depth(message: Any) -> np.ndarray | None:
     kind, step_mm = DEPTHS[message.encoding]
     depth_mm = depth_to_mm(_read_pixels("the depth image", message, np.dtype(kind), 1)[..., 0], step_mm, "the depth image")
     depth_mm = np.where(np.isfinite(depth_mm) & (depth_mm > 0), depth_mm, np.float32(0))
-    if kind is not np.uint16:
-        check_unit(depth_mm, f"the depth image in {message.encoding}", "send metres, or 16UC1 in millimetres")
-    return depth_mm
+    return depth_mm if kind is np.uint16 else check_unit(depth_mm, f"the depth image in {message.encoding}", "send metres, or 16UC1 in mm")
 
 
 def read_mask(message: Any, index: int) -> np.ndarray:

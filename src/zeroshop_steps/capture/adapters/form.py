@@ -169,10 +169,8 @@ def write_common_form(
                     medians_mm.append(float(np.median(depth_mm[depth_mm > 0])))
                 steps = np.round(depth_mm / DEPTH_STEP_MM)
                 write_image(folder / "depth" / f"{name}.png", np.where(steps < 2**16, steps, 0).astype(np.uint16))
-        if medians_mm:
-            first_mm = next(frame.depth_step_mm for frame in found.frames if frame.depth)
-            remedy = "export it in the unit that its format says"
-            check_unit(np.array(medians_mm), f"{found.source}: depth, at {first_mm:g} mm a step,", remedy)
+        what = f"{found.source}: depth, at {next((frame.depth_step_mm for frame in found.frames if frame.depth), 1.0):g} mm a step,"
+        check_unit(np.array(medians_mm), what, "export it in the unit that its format says")
         _tell_odd_lenses(list(cameras.values()), found)
         lost = [
             frame.image.name

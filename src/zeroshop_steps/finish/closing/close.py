@@ -24,8 +24,8 @@ from zeroshop_steps.finish.closing.underside import STATES, Underside, close_und
 from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_VIEWS
 from zeroshop_steps.geometry.alignment.surface_distance import count_seeing_views, measure_distances
 from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.meshes.mesh_repair import triangulate
 from zeroshop_steps.geometry.meshes.meshlab import VOXEL_STEPS
-from zeroshop_steps.geometry.meshes.polygons import triangulate
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.surface.mvs.seeds import read_confirmed_points
 
@@ -208,22 +208,15 @@ def fill_small_holes(mesh: Mesh, underside: Underside, views: Sequence[View]) ->
     length = sum(float(np.linalg.norm(np.diff(mesh.vertices[np.append(border, border[0])], axis=0), axis=1).sum()) for border in borders)
     if length > SMALL_HOLES_DIAGONALS * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))):
         return None
-    patches = [_triangulate(mesh.vertices, border) for border in borders]
+    patches = [triangulate(mesh.vertices[border[::-1]]) for border in borders]  # which run clockwise about the side that faces show
     if any(patch is None for patch in patches):
         return None
-    added = np.concatenate([patch for patch in patches if patch is not None])
+    added = np.concatenate([border[::-1][patch] for border, patch in zip(borders, patches, strict=True)])
     whole = Mesh(mesh.vertices, np.concatenate([mesh.faces, added])).with_normals()
     seen = np.ones(len(whole.faces), bool)
     seen[underside.first_face : underside.first_face + underside.faces] = False
     seen[len(mesh.faces) :] = _is_seen(whole, added, views)
     return _with_unseen_last(whole, seen, len(borders) + underside.borders)
-
-
-def _triangulate(vertices: np.ndarray, border: np.ndarray) -> np.ndarray | None:
-    """(T, 3) faces over a border, a closed chain of vertices; None where it is too far from flat to be spanned."""
-    around = border[::-1]  # it runs clockwise about the side that the hole's faces show
-    index = triangulate(vertices[around])
-    return None if index is None else around[index]
 
 
 def _is_seen(mesh: Mesh, faces: np.ndarray, views: Sequence[View], photos: int = AGREEING_VIEWS) -> np.ndarray:

@@ -12,7 +12,7 @@ from typing import Any
 import manifold3d
 import numpy as np
 
-from zeroshop_steps.geometry.meshes.polygons import make_plane_axes
+from zeroshop_steps.geometry.meshes.mesh_repair import make_plane_axes
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, number_edges
 
 STATES = ("closed", "open")

@@ -16,7 +16,7 @@ from scipy import ndimage
 from skimage.measure import marching_cubes
 
 from zeroshop_steps.finish.clean import simplify
-from zeroshop_steps.geometry.meshes.polygons import make_plane_axes
+from zeroshop_steps.geometry.meshes.mesh_repair import make_plane_axes
 from zeroshop_steps.geometry.meshes.triangle_meshes import SAME_SIDE_COSINE, Mesh
 from zeroshop_steps.geometry.observation.visual_hull import COARSE_VOXELS
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster

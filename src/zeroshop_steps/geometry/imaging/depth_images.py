@@ -6,7 +6,7 @@ import numpy as np
 
 from zeroshop_steps.runtime.errors import StepError, warn
 
-NEAREST_MM, FARTHEST_MM = 20.0, 30_000.0
+USUAL_MM = 20.0, 30_000.0
 """Of what a depth camera sees in the median: no object stands nearer to one, and no room is deeper."""
 ROTATED_BITS, BITS = 3, 16
 """SUN3D (Xiao et al., ICCV 2013) stores millimetres with their bits rotated to the left by 3, so that other programs show a picture."""
@@ -31,13 +31,14 @@ def depth_to_mm(raw: np.ndarray, step_mm: float, name: str) -> np.ndarray:
     return raw.astype(np.float32) * np.float32(step_mm)
 
 
-def check_unit(depth_mm: np.ndarray, what: str, remedy: str) -> None:
-    """Raise StepError where the median of what was measured (above 0) is nothing that a camera sees: it has another unit than it says."""
-    median_mm = float(np.median(depth_mm[depth_mm > 0])) if (depth_mm > 0).any() else NEAREST_MM
-    if not NEAREST_MM <= median_mm <= FARTHEST_MM:
-        expected = f"{NEAREST_MM:g} to {FARTHEST_MM:g} mm are expected"
-        unit = "metres, taken for millimetres" if median_mm < NEAREST_MM else "millimetres, taken for metres"
-        raise StepError(f"{what} is {median_mm:.3g} mm in the median, and {expected}: it looks like {unit}; {remedy}")
+def check_unit(depth_mm: np.ndarray, what: str, remedy: str, usual_mm: tuple[float, float] = USUAL_MM) -> np.ndarray:
+    """The depth, unless the median of what was measured (above 0) is nothing that a camera sees: raises StepError for another unit."""
+    median_mm = float(np.median(depth_mm[depth_mm > 0])) if (depth_mm > 0).any() else usual_mm[0]
+    if not usual_mm[0] <= median_mm <= usual_mm[1]:
+        unit = "metres, taken for millimetres" if median_mm < usual_mm[0] else "millimetres, taken for metres"
+        found = f"{median_mm:.3g} mm in the median; expected {usual_mm[0]:g} to {usual_mm[1]:g}"
+        raise StepError(f"{what} is {found}: it looks like {unit}; {remedy}")
+    return depth_mm
 
 
 def read_exr(path: Path) -> np.ndarray:

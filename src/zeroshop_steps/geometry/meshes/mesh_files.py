@@ -15,8 +15,8 @@ import numpy as np
 
 from zeroshop_steps.geometry.imaging.image_files import any_size, to_rgb
 from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES, write_image
+from zeroshop_steps.geometry.meshes.mesh_repair import cut_obj
 from zeroshop_steps.geometry.meshes.ply_surface import find_beside, find_textures, read_ply, read_texture, require_mesh_file
-from zeroshop_steps.geometry.meshes.polygons import cut_obj
 from zeroshop_steps.geometry.meshes.surface_parts import SurfacePart, join_parts, with_texture
 from zeroshop_steps.geometry.meshes.triangle_meshes import OBJECT_SIZES_M, Mesh, write_ply
 from zeroshop_steps.geometry.meshes.units import MM_PER_M
@@ -241,8 +241,6 @@ def _to_part(loaded: Any, transforms: Mapping[str | None, Mapping[str, Any]]) ->
 
 def _transform(uv: np.ndarray, transform: Mapping[str, Any]) -> np.ndarray:
     """(V, 2) texture coordinates after glTF's KHR_texture_transform, for which v points down: scaled, turned as the image shows, moved."""
-    if not transform:
-        return uv
     turn = transform.get("rotation", 0.0)
     moved = np.stack([uv[:, 0], 1 - uv[:, 1]], 1) * transform.get("scale", (1, 1))
     moved = moved @ [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]] + transform.get("offset", (0, 0))
@@ -250,11 +248,7 @@ def _transform(uv: np.ndarray, transform: Mapping[str, Any]) -> np.ndarray:
 
 
 def _check_gltf(path: Path) -> dict[str | None, dict[str, Any]]:
-    """How each material's texture is transformed, by the material's name.
-
-    Raises:
-        StepError: the glTF needs an extension that is not read here, such as a compression.
-    """
+    """How each material's texture is transformed, by its name. Raises StepError where an extension is needed that is not read here."""
     content = path.read_bytes()
     if content[:4] == b"glTF":
         content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
@@ -262,27 +256,26 @@ def _check_gltf(path: Path) -> dict[str | None, dict[str, Any]]:
         facts = json.loads(content)
         required, used = (facts.get(key, []) for key in ("extensionsRequired", "extensionsUsed"))
         sources = [texture.get("source") for texture in facts.get("textures", [])]
-        textures = {one.get("name"): _find_color(one) for one in facts.get("materials", [])}
-        transforms = {name: texture.get("extensions", {}).get(TRANSFORM, {}) for name, texture in textures.items()}
-        second = any(transforms[name].get("texCoord", texture.get("texCoord")) for name, texture in textures.items())
-        alike = any(transforms.values()) and len(textures) < len(facts["materials"])
+        looks = [(one.get("name"), _find_transform(one)) for one in facts.get("materials", [])]
     except (ValueError, AttributeError) as error:
         raise StepError(f"mesh {path} cannot be read as glTF ({error}); export it again, or as PLY") from None
     lacking = [name for name in required if not name.startswith((READABLE[0], TRANSFORM))]
     lacking += [name for name in used if not name.startswith(READABLE) and name not in lacking]
     if None in sources:
         lacking += [name for name in used if name.endswith("basisu") and name not in lacking]
-    lacking += ["a second set of texture coordinates"] * second + [f"{TRANSFORM} with two materials of one name"] * alike
+    lacking += ["a second set of texture coordinates"] if any(look.get("texCoord") for _, look in looks) else []
+    alike = len(dict(looks)) < len(looks) and any(len(look) > 1 for _, look in looks)
+    lacking += [f"{TRANSFORM} with two materials of one name"] if alike else []
     if lacking:
         raise StepError(
-            f"mesh {path} uses {', '.join(lacking)}, which is not read here; export it without compression, with PNG or JPEG"
-            " textures and one set of texture coordinates (Blender: import it, and export glTF with these options off),"
-            " or as PLY"
+            f"mesh {path} uses {', '.join(lacking)}, which is not read here; export it without compression, with PNG or JPEG textures and"
+            " one set of texture coordinates (Blender: import it, and export glTF with these options off), or as PLY"
         )
-    return transforms
+    return dict(looks)
 
 
-def _find_color(material: Mapping[str, Any]) -> dict[str, Any]:
-    """The texture of glTF's material that is used, as `_to_part` chooses."""
+def _find_transform(material: Mapping[str, Any]) -> dict[str, Any]:
+    """How the texture of glTF's material is transformed that `_to_part` uses, with its set of coordinates."""
     older = material.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness", {}).get("diffuseTexture")
-    return older or material.get("pbrMetallicRoughness", {}).get("baseColorTexture") or material.get("emissiveTexture") or {}
+    used = older or material.get("pbrMetallicRoughness", {}).get("baseColorTexture") or material.get("emissiveTexture") or {}
+    return {"texCoord": used.get("texCoord")} | used.get("extensions", {}).get(TRANSFORM, {})

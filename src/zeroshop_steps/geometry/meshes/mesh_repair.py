@@ -1,6 +1,13 @@
-"""Faces that are no triangles, or that occur twice; and vertices that only they use."""
+"""Faces that are no triangles, or that occur twice; and polygons, which become triangles: concave ones by manifold3d."""
 
+import re
+
+import manifold3d
 import numpy as np
+
+UPRIGHT_SHARE = 0.9  # by area: a polygon is cut where it hardly overlaps itself, seen along its normal
+LEAST_TURNED = 1e-6  # share of a polygon's area in a triangle that faces the other way: less is what float32 leaves of a straight edge
+VERTEX, POLYGON = re.compile(rb"(?m)^v[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)"), re.compile(rb"(?m)^f((?:[ \t]+[-\d/]+){4,})")
 
 
 def find_triangles(faces: np.ndarray) -> np.ndarray:
@@ -12,3 +19,58 @@ def drop_repeated_faces(faces: np.ndarray) -> np.ndarray:
     """The faces in their order, each set of three vertices once."""
     _, first = np.unique(np.sort(faces, 1), axis=0, return_index=True)
     return faces[np.sort(first)]
+
+
+def cut_polygons(places: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The (F,) polygons and (F, 3) corners of triangles: fans, where none folds. Polygons have so many of the (N, 3) places each."""
+    triangles = np.maximum(counts - 2, 0)
+    polygons = np.repeat(np.arange(len(counts)), triangles)
+    second = np.arange(len(polygons)) - np.repeat(np.cumsum(triangles) - triangles, triangles) + 1
+    corners = np.stack([np.zeros_like(second), second, second + 1], 1)
+    starts = np.cumsum(counts) - counts
+    one, other, third = places[starts[polygons] + corners.T]
+    areas = np.cross(other - one, third - one)
+    normals = np.stack([np.bincount(polygons, column, len(counts)) for column in areas.T], 1)[polygons]
+    for polygon in np.unique(polygons[(areas * normals).sum(1) < -LEAST_TURNED * (normals**2).sum(1)]):
+        if (cut := triangulate(places[starts[polygon] : starts[polygon] + counts[polygon]])) is not None:
+            corners[polygons.searchsorted(polygon) :][: len(cut)] = cut
+    return polygons, corners
+
+
+def triangulate(points: np.ndarray) -> np.ndarray | None:
+    """(N - 2, 3) corners of triangles over a closed (N, 3) chain, facing where it runs counter-clockwise; None of one far from flat."""
+    around = points - points.mean(0)
+    normal = np.cross(around, np.roll(around, -1, 0)).sum(0)
+    if not (length := np.linalg.norm(normal)):
+        return None
+    flat = around @ make_plane_axes(normal / length).T
+    index = manifold3d.triangulate([flat], allow_convex=False)
+    (ax, ay), (bx, by), (cx, cy) = flat[index].transpose(1, 2, 0)
+    areas = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+    return None if areas.sum() < UPRIGHT_SHARE * np.abs(areas).sum() or len(index) != len(points) - 2 else index
+
+
+def make_plane_axes(normal: np.ndarray) -> np.ndarray:
+    """(2, 3) unit axes of the plane with this (3,) unit normal; with the normal as the third, they are right-handed."""
+    across = np.linalg.svd(normal[None])[2][1:]
+    return across[::-1] if np.linalg.det(np.stack([*across, normal])) < 0 else across
+
+
+def cut_obj(content: bytes) -> bytes:
+    """An OBJ whose concave polygons are triangles; trimesh cuts all as fans."""
+    content = content.replace(b"\\\r\n", b"").replace(b"\\\n", b"")  # lines that go on in the next one
+    lines, vertices = list(POLYGON.finditer(content)), list(VERTEX.finditer(content))
+    words = [line[1].split() for line in lines]
+    counts = np.array([len(one) for one in words], int)
+    before = np.searchsorted([line.start() for line in vertices], [line.start() for line in lines])  # from where a negative number counts
+    numbers = np.array([int(word.split(b"/")[0]) for one in words for word in one], int)
+    numbers += np.where(numbers < 0, np.repeat(before, counts), -1)
+    if not lines or numbers.min() < 0 or numbers.max() >= len(vertices):  # which trimesh refuses
+        return content
+    polygons, corners = cut_polygons(np.array([line.groups() for line in vertices]).astype(float)[numbers], counts)
+    parts, end = [], 0
+    for polygon in np.unique(polygons[(corners[:, 0] > 0) | (corners[:, 2] != corners[:, 1] + 1)]):
+        rows = corners[polygons.searchsorted(polygon) : polygons.searchsorted(polygon, "right")]
+        parts += [content[end : lines[polygon].start()], b"\n".join(b"f " + b" ".join(words[polygon][one] for one in row) for row in rows)]
+        end = lines[polygon].end()
+    return b"".join([*parts, content[end:]])

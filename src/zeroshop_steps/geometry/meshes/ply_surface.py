@@ -11,9 +11,8 @@ from PIL import Image
 
 from zeroshop_steps.geometry.imaging.image_files import any_size, to_rgb
 from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES, read_image
-from zeroshop_steps.geometry.meshes.mesh_repair import find_triangles
+from zeroshop_steps.geometry.meshes.mesh_repair import cut_polygons, find_triangles
 from zeroshop_steps.geometry.meshes.ply_tables import Element, Lists, PlyTables, read_ply_tables, read_remarks
-from zeroshop_steps.geometry.meshes.polygons import cut_polygons
 from zeroshop_steps.geometry.meshes.surface_parts import SurfacePart, join_parts
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError, warn
@@ -55,8 +54,7 @@ def read_ply(path: Path) -> Mesh:
     if not len(faces):
         remedy = "Export it again."
         if face is not None and face.rows and not set(CORNERS) & set(face.lists):
-            names = " and ".join(face.lists) or "nothing"
-            remedy = f"Its faces have lists of {names}, not of {' or '.join(CORNERS)}: rename that of the corners in the header."
+            remedy = f"Its faces have {' and '.join(face.lists) or 'no lists'}, not {' or '.join(CORNERS)}: rename the corners' list."
         elif len(vertices):
             kind = "It holds 3D Gaussians (splats)" if "f_dc_0" in vertex.columns else "It is a point cloud"
             remedy = f"{kind}: make a surface of it, such as by Screened Poisson in MeshLab."

@@ -15,7 +15,7 @@ import numpy as np
 from zeroshop_steps.capture.cameras_json import FILE, read_given_cameras
 from zeroshop_steps.geometry.alignment.robust_estimates import robust_deviation
 from zeroshop_steps.geometry.cameras.registered_views import View
-from zeroshop_steps.geometry.imaging.depth_images import depth_to_mm
+from zeroshop_steps.geometry.imaging.depth_images import check_unit, depth_to_mm
 from zeroshop_steps.geometry.imaging.image_files import check_kind
 from zeroshop_steps.geometry.imaging.images import decode_image
 from zeroshop_steps.register.scene.record import find_lens
@@ -23,7 +23,7 @@ from zeroshop_steps.register.scene.undistortion import undistort_by_lens
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
-NEAREST_MM, FARTHEST_MM = 50.0, 5000.0  # from the object; nearer no depth camera measures, and farther nobody holds one
+USUAL_MM = 50.0, 5000.0  # from the object; nearer no depth camera measures, and farther nobody holds one
 OFF_DIAGONALS = 0.15  # a pixel whose depth is this far off, in diagonals of the object, shows something else
 MOST_OFF = 0.15  # share of such pixels from which on the images are not aligned
 
@@ -88,13 +88,9 @@ class DepthFolder:
 
     def check_unit(self, view: View, median_mm: float) -> None:
         """Raise StepError where the object's median depth in an image is nothing that a camera measures."""
-        if not NEAREST_MM <= median_mm <= FARTHEST_MM:
-            step_mm = self.steps_mm[view.pass_number]
-            raise StepError(
-                f"depth image {self.files[Path(view.camera.name).stem]} puts the object {median_mm:g} mm away: it looks like another unit"
-                f" (metres, tenths of millimetres) than the {step_mm:g} mm a step that are expected; export millimetres, or give the"
-                " unit as height.depth_camera.step_mm"
-            )
+        what = f"{self.files[Path(view.camera.name).stem]}: the object's depth, at {self.steps_mm[view.pass_number]:g} mm a step,"
+        remedy = "export millimetres, or give the unit as height.depth_camera.step_mm"
+        check_unit(np.array([median_mm]), what, remedy, USUAL_MM)
 
     def agree(self, ratios: Mapping[str, float], off: Mapping[str, float]) -> tuple[float, float, float]:
         """What the images agree on: mm per unit of the registration, its spread as a share, and the median share of pixels that are off.
