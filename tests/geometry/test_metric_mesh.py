@@ -33,7 +33,7 @@ def test_an_unknown_scale_is_refused_unless_the_user_says_what_it_is(tmp_path, c
 
 def test_a_mesh_without_a_record_is_refused_and_a_true_model_is_not(tmp_path):
     path = write_box(tmp_path)
-    with pytest.raises(StepError, match=r"2dgs\.json does not exist, so the unit of"):
+    with pytest.raises(StepError, match=r"scale of .*2dgs\.ply is unknown \(2dgs\.json does not exist\)"):
         read_metric_mesh(path)
     write_json(tmp_path / "model_info.json", {"diameter": 74.8})
     assert read_metric_mesh(path).scale_source == "model"

@@ -12,8 +12,8 @@ from PIL import ExifTags, Image, ImageOps
 from PIL.JpegImagePlugin import JpegImageFile
 from PIL.TiffImagePlugin import IFDRational
 
-from zeroshop_steps.geometry.imaging.image_files import FORMATS, any_size, check_kind, check_size, list_folder, to_rgb
-from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES
+from zeroshop_steps.geometry.imaging.image_files import FORMATS, any_size, check_kind, check_size, list_folder
+from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES, to_rgb
 from zeroshop_steps.runtime.errors import StepError, remedy_for
 
 CONVERTED_SUFFIXES = (".jfif", ".jpe", ".mpo", ".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".bmp", ".gif")

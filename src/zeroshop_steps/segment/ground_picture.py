@@ -143,7 +143,7 @@ def _take_median(samples: np.ndarray, least: int) -> tuple[np.ndarray, np.ndarra
     return color, spread, witnesses
 
 
-@numba.njit(nogil=True)
+@numba.njit(nogil=True, forceinline=True)
 def _find_median(values: np.ndarray, count: int) -> float:
     """Sort the first values by insertion, which is up to four times as fast as np.sort of so few; the lower one of two middle ones."""
     for end in range(1, count):

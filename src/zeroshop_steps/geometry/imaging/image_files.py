@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from zeroshop_steps.runtime.errors import StepError, remedy_for
@@ -83,14 +82,6 @@ def any_size() -> Iterator[None]:
         yield
     finally:
         Image.MAX_IMAGE_PIXELS = limit
-
-
-def to_rgb(image: Image.Image) -> np.ndarray:
-    """(height, width, 3) uint8 RGB of a picture; Pillow alone would cut grey of 16 bits off at 255."""
-    if image.mode.startswith("I"):
-        grey = np.asarray(image).astype(np.float32) / 257
-        return np.repeat(np.clip(grey, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
-    return np.asarray(image.convert("RGB"))
 
 
 def check_size(path: Path, size_px: tuple[int, int]) -> None:

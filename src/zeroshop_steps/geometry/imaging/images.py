@@ -5,6 +5,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from zeroshop_steps.geometry.imaging.image_files import check_photo_file, list_folder
 from zeroshop_steps.runtime.errors import StepError, is_out_of_memory, remedy_for
@@ -117,6 +118,14 @@ def require_one_size(sizes_px: Sequence[tuple[int, int]], what: str, reason: str
 def measure_border_share(mask: np.ndarray) -> float:
     """Share of the image's circumference that an (H, W) bool mask touches."""
     return int(mask[0].sum() + mask[-1].sum() + mask[:, 0].sum() + mask[:, -1].sum()) / (2 * sum(mask.shape))
+
+
+def to_rgb(image: Image.Image) -> np.ndarray:
+    """(height, width, 3) uint8 RGB of a picture; Pillow alone would cut grey of 16 bits off at 255."""
+    if image.mode.startswith("I"):
+        grey = np.asarray(image).astype(np.float32) / 257
+        return np.repeat(np.clip(grey, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
+    return np.asarray(image.convert("RGB"))
 
 
 def compute_overlap(one: np.ndarray, other: np.ndarray) -> float:

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.imaging.image_files import any_size, to_rgb
-from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES, write_image
+from zeroshop_steps.geometry.imaging.image_files import any_size
+from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES, to_rgb, write_image
 from zeroshop_steps.geometry.meshes.mesh_repair import cut_obj
 from zeroshop_steps.geometry.meshes.ply_surface import find_beside, find_textures, read_ply, read_texture, require_mesh_file
 from zeroshop_steps.geometry.meshes.surface_parts import SurfacePart, join_parts, with_texture

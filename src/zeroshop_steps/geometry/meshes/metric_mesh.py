@@ -68,8 +68,9 @@ def read_metric_mesh(path: Path, unknown_scale: str = REFUSE) -> MetricMesh:
         warn(f"{path} was generated without cameras: its shape is a guess, and so are all sizes but its height. Measure it by 2dgs")
     if scale != "known":
         if unknown_scale == REFUSE:
+            lack = f" ({path.with_suffix('.json').name} does not exist)" if source == "none" else ""
             raise StepError(
-                f"the scale of {path} is unknown, and a robot would take it for {_size_text(mesh)} mm. Give the object's height"
+                f"the scale of {path} is unknown{lack}, and a robot would take it for {_size_text(mesh)} mm. Give the object's height"
                 " (height_m in objects.tsv), a printed board or depth images; or, if its unit is millimetres, set"
                 " unknown_scale: millimetres (--unknown-scale millimetres)"
             )

@@ -9,8 +9,8 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 import numpy as np
 from PIL import Image
 
-from zeroshop_steps.geometry.imaging.image_files import any_size, to_rgb
-from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES, read_image
+from zeroshop_steps.geometry.imaging.image_files import any_size
+from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES, read_image, to_rgb
 from zeroshop_steps.geometry.meshes.mesh_repair import cut_polygons, find_triangles
 from zeroshop_steps.geometry.meshes.ply_tables import Element, Lists, PlyTables, read_ply_tables, read_remarks
 from zeroshop_steps.geometry.meshes.surface_parts import SurfacePart, join_parts
