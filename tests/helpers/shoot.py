@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.capture.photos import import_photos
+from zeroshop_steps.geometry.imaging.images import compute_overlap, read_mask
 from zeroshop_steps.runtime.errors import StepError
 
 WIDTH, HEIGHT = 160, 120
@@ -55,3 +56,9 @@ class Shoot:
         assert not self.out.exists() and not list(self.out.parent.glob(".capture*"))
         assert before == {path: path.read_bytes() for folder in (self.images, self.masks) for path in folder.iterdir()}
         return str(error.value)
+
+
+def taken(shoot: Shoot) -> float:
+    """The least overlap of the masks that were taken with the disk."""
+    shoot.take(min_images=9)
+    return min(compute_overlap(read_mask(path), shoot.disk()) for path in sorted((shoot.out / "masks").iterdir()))

@@ -4,19 +4,15 @@ Any option of a step may stand in the section of the step; the schema describes 
 """
 
 import argparse
-import contextlib
 import importlib
-import json
 from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from typing import Any
 
 from zeroshop_steps import methods
 from zeroshop_steps.config_manual import resolve
-from zeroshop_steps.runtime.code_version import SOURCES, source_version
 from zeroshop_steps.runtime.config_files import name_error
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import atomic_write
 
 Section = Mapping[str, Any]
 STEPS = {
@@ -28,8 +24,6 @@ STEPS = {
     "report.page": "report.object_page",
 }
 """The steps that sections of the config belong to, but for those of methods."""
-ACCEPTED = SOURCES / "__pycache__/accepted_options.json"
-"""Where options that a step took are kept by its code: to ask the step, its libraries are imported, which takes longer than a plan."""
 
 
 def complete_sections(config: Section) -> dict[str, Any]:
@@ -62,53 +56,24 @@ def check_step_options(config: Section, schema: Section) -> None:
 
     `config` is what the user gave: what `complete_sections` adds to it is checked already.
     """
-    faults: list[str] = []
-    accepted = _Accepted()
+    faults = []
     for path, step in _list_sections(config):
         section, described = config, schema
         for key in path.split("."):
             section = section.get(key) or {}
             described = resolve(described.get("properties", {}).get(key, {}), schema)
         others = {key: value for key, value in section.items() if key not in described.get("properties", {})}
-        if others and not accepted.has(step, others):
-            known, before = _read_options(step), len(faults)
+        if others:  # to ask the step, its libraries are imported, which takes longer than a plan
+            known = _read_options(step)
             for key, value in others.items():
                 if key not in known:
                     faults.append(name_error(f"option of {path}", key, known))
                 elif value is not None and (fault := _find_fault(known[key], value)):
                     faults.append(f"{path}.{key}: {value!r} is {fault} ({known[key].help})")
-            if len(faults) == before:
-                accepted.add(step, others)
     if faults:
         raise StepError(
             "the config has faults:\n  " + "\n  ".join(faults) + "\nconfig/KEYS.md says where the options of steps are described."
         )
-
-
-class _Accepted:
-    """The options that steps took in this run or an earlier one, by step; those of changed code count no more."""
-
-    def __init__(self) -> None:
-        self._by_step: dict[str, dict[str, Any]] = {}
-        with contextlib.suppress(OSError, ValueError):  # there are none yet
-            self._by_step = json.loads(ACCEPTED.read_text())
-
-    def has(self, step: str, options: Section) -> bool:
-        """Whether the code of a step, as it is now, took these options."""
-        kept = self._by_step.get(step, {})
-        return _write(options) in kept.get("options", ()) and kept["code"] == source_version((step,))
-
-    def add(self, step: str, options: Section) -> None:
-        """Keep that a step took these options, if writing is allowed."""
-        code, kept = source_version((step,)), self._by_step.get(step, {})
-        before = kept["options"] if kept.get("code") == code else []
-        self._by_step[step] = {"code": code, "options": [*before, _write(options)]}
-        with contextlib.suppress(StepError), atomic_write(ACCEPTED) as temporary:
-            temporary.write_text(json.dumps(self._by_step))
-
-
-def _write(options: Section) -> str:
-    return json.dumps(options, sort_keys=True, default=str)
 
 
 def _list_sections(config: Section) -> Iterator[tuple[str, str]]:

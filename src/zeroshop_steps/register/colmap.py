@@ -122,13 +122,14 @@ class _Ways:
         image_set, options: as for `register`.
         database: that `match` writes.
         match: fills the database.
-        graph: what it matched.
+        used, graph: the options that it was asked with last, and what it matched.
     """
 
     image_set: ImageSet
     options: ColmapOptions
     database: Path
     match: Match
+    used: ColmapOptions | None = None
     graph: ViewGraph | None = None
 
     def register_first(self, out: Path, _: RegistrationFailed | None) -> dict[str, Any]:
@@ -149,16 +150,17 @@ class _Ways:
         return isinstance(failure, DuplicateStructure) and are_in_order(self.database)
 
     def register_in_order(self, out: Path, _: RegistrationFailed | None) -> dict[str, Any]:
-        record = Record.begin("colmap", self.image_set, self.options, pycolmap)
+        assert self.used is not None, "the images were matched before"
+        record = Record.begin("colmap", self.image_set, self.used, pycolmap)
         with scratch_directory(out, "order") as own:
             copy = own / self.database.name
-            done = match_and_reconstruct(self.image_set, out, copy, self.options, record, match=self._keep_order, all_matches=self.database)
+            done = match_and_reconstruct(self.image_set, out, copy, self.used, record, match=self._keep_order, all_matches=self.database)
         return dict(done.entries)
 
     def _register(self, sift: SiftOptions, out: Path) -> dict[str, Any]:
-        own = replace(self.options, sift=sift)
-        record = Record.begin("colmap", self.image_set, own, pycolmap)
-        return dict(match_and_reconstruct(self.image_set, out, self.database, own, record, match=self._match).entries)
+        self.used = replace(self.options, sift=sift)
+        record = Record.begin("colmap", self.image_set, self.used, pycolmap)
+        return dict(match_and_reconstruct(self.image_set, out, self.database, self.used, record, match=self._match).entries)
 
     def _match(self, *asked: Any) -> ViewGraph:
         self.graph = self.match(*asked)

@@ -12,6 +12,7 @@ from zeroshop_steps.register.image_sequence import check_order
 from zeroshop_steps.register.refinement.camera_deviation import check_deviations
 from zeroshop_steps.register.scene.record import Evidence
 from zeroshop_steps.register.verification.duplicate_structure import MayMatch, check_duplicate_structure
+from zeroshop_steps.register.verification.epipolar_support import count_epipolar_support
 from zeroshop_steps.register.verification.loop_gap import check_loop_gap
 from zeroshop_steps.register.verification.photometric_consistency import check_photometric_consistency
 
@@ -44,7 +45,7 @@ class FinalChecks:
         if not hypothesis.merged:  # no matches hold submodels to each other
             images = None if self.by_object else self.folder / "images"
             checks += [
-                lambda: check_order(hypothesis.model, self.every_match),
+                lambda: check_order(count_epipolar_support(hypothesis.model, self.every_match)),
                 lambda: check_loop_gap(hypothesis.model, pinhole_model, self.every_match, self.seed),
                 lambda: check_duplicate_structure(pinhole_model, self.may_match, self.by_object, images),
             ]

@@ -15,7 +15,7 @@ import pycolmap
 from zeroshop_steps.register.mapping.mapper import map_incrementally
 from zeroshop_steps.register.scene.database import LEAST_TIES, delete_pair, read_matches
 from zeroshop_steps.register.scene.record import Evidence, Finding
-from zeroshop_steps.register.verification.epipolar_support import count_epipolar_support
+from zeroshop_steps.register.verification.epipolar_support import EpipolarSupport, count_epipolar_support
 
 IN_ORDER_SHARE, NEXT_SHARE = 0.9, 0.25
 """Images are in order if so many of the steps from one to the next are from an image to one of this share of all that match it best."""
@@ -40,25 +40,21 @@ def _follow(matches: np.ndarray) -> bool:
     """Whether images follow one another, by the (N, N) numbers of their matches."""
     best = max(round(NEXT_SHARE * len(matches)), 2)
     ranks = (matches[:, :, None] < matches[:, None, :]).sum(2)  # of each image, for each: how many match it better
-    one, other = np.arange(len(matches) - 1), np.arange(1, len(matches))
-    near = (np.minimum(ranks[one, other], ranks[other, one]) < best) & (matches[one, other] >= LEAST_TIES)
+    near = (np.minimum(ranks.diagonal(1), ranks.diagonal(-1)) < best) & (matches.diagonal(1) >= LEAST_TIES)
     return len(matches) > 2 * best and bool(near.mean() >= IN_ORDER_SHARE)
 
 
-def check_order(model: pycolmap.Reconstruction, database: Path) -> Evidence:
+def check_order(found: EpipolarSupport) -> Evidence:
     """Whether a model contradicts images that follow one another; without an order, there is nothing to say.
 
     Args:
-        model: as the features were seen, with distortion.
-        database: the verified matches of all pairs, also of those that had no part in the model.
+        found: how the verified matches of all pairs support the model, also of those that had no part in it.
     """
-    found = count_epipolar_support(model, database)
     matches = found.supporting + found.contradicting
     if not _follow(matches):
         return Evidence()
-    one, other = np.arange(len(matches) - 1), np.arange(1, len(matches))
-    tied = matches[one, other] >= LEAST_TIES
-    shares = np.where(tied, found.contradicting[one, other] / np.maximum(matches[one, other], 1), 0.0)
+    total = matches.diagonal(1)
+    shares = np.where(total >= LEAST_TIES, found.contradicting.diagonal(1) / np.maximum(total, 1), 0.0)
     worst = int(shares.argmax())
     names = " and ".join(found.names[worst : worst + 2])
     said = f"{shares[worst]:.0%} of the matches of {names}, which follow one another, contradict the cameras"
@@ -78,23 +74,25 @@ def keep_sequence(database: Path, copy: Path, images: Path, options: pycolmap.In
         The names of the images of each pair that is left.
     """
     order = _read_order(database)
-    best: pycolmap.Reconstruction | None = None
+    best: EpipolarSupport | None = None
     for reach in REACHES:
         shutil.copy(database, copy)
         near = _delete_pairs(copy, _find_near(order, reach))
         model = map_incrementally(copy, images, copy.parent / f"sequence_{reach}", options)
-        if model is None or any(finding.strength >= 1 for finding in check_order(model, database).findings):
+        if model is None:
             continue
-        if best is None or model.num_reg_images() > best.num_reg_images():
-            best = model
-        if best.num_reg_images() == len(order):
+        found = count_epipolar_support(model, database)
+        if any(finding.strength >= 1 for finding in check_order(found).findings):
+            continue
+        if best is None or len(found.names) > len(best.names):
+            best = found
+        if len(best.names) == len(order):
             break
     if best is None:
         return near
-    found = count_epipolar_support(best, database)
-    matches = found.supporting + found.contradicting
-    agree = (matches >= LEAST_TIES) & (found.supporting >= AGREEING_SHARE * matches)
-    agreeing = {frozenset((found.names[one], found.names[other])) for one, other in np.argwhere(agree)}
+    matches = best.supporting + best.contradicting
+    agree = (matches >= LEAST_TIES) & (best.supporting >= AGREEING_SHARE * matches)
+    agreeing = {frozenset((best.names[one], best.names[other])) for one, other in np.argwhere(agree)}
     shutil.copy(database, copy)
     return _delete_pairs(copy, agreeing | _find_near(order, REACHES[0]))
 

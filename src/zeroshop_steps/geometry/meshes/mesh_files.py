@@ -15,7 +15,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.imaging.image_files import any_size
 from zeroshop_steps.geometry.imaging.images import IMAGE_SUFFIXES, to_rgb, write_image
-from zeroshop_steps.geometry.meshes.mesh_repair import cut_obj
+from zeroshop_steps.geometry.meshes.obj_text import cut_obj, scale_colors
 from zeroshop_steps.geometry.meshes.ply_surface import find_beside, find_textures, read_ply, read_texture, require_mesh_file
 from zeroshop_steps.geometry.meshes.surface_parts import SurfacePart, join_parts, with_texture
 from zeroshop_steps.geometry.meshes.triangle_meshes import OBJECT_SIZES_M, Mesh, write_ply
@@ -34,8 +34,6 @@ TEXTURE_OPTIONS = re.compile(
 )
 """Options of a texture in MTL that leave it where it is; with others, such as a scale, its line names no file."""
 
-VERTEX_COLOR = re.compile(rb"(?m)^(v(?:[ \t]+\S+){3})[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t]*\r?$")
-"""A line of OBJ with a colour behind the place."""
 ZERO = re.compile(rb"(?m)^f[ \t](.*[ \t])?0(/|\s|$)")
 """A face of OBJ with the vertex 0; they are counted from 1, or backwards from -1."""
 DIFFUSE, AMBIENT = (re.compile(rb"(?im)^[ \t]*map_K%c\b" % letter) for letter in b"da")
@@ -127,7 +125,7 @@ def _read_parts(path: Path, transforms: Mapping[str | None, Mapping[str, Any]]) 
     kind, content = path.suffix[1:].lower(), path.read_bytes().removeprefix(codecs.BOM_UTF8)
     if kind == "obj" and ZERO.search(content):
         raise StepError(f"mesh {path} has a face of vertex 0, but OBJ counts from 1; export it again, or as PLY")
-    content = cut_obj(_scale_colors(content)) if kind == "obj" else content
+    content = cut_obj(scale_colors(content)) if kind == "obj" else content
     last = content.split(b"#")[0].rstrip().rpartition(b"\n")[2].split() if kind == "off" else []
     if content[:4] in (b"COFF", b"CNOF") or (last and last[0].isdigit() and len(last) > int(last[0]) + 1):
         warn(f"mesh {path} has colours, which are not read of OFF, and is used without them; export it as PLY")
@@ -151,14 +149,6 @@ def _take_diffuse(context: Mapping[str, Any]) -> dict[str, Any]:
     return {
         base: context["data"].get(name) for base, name in (("baseColorTexture", "diffuseTexture"), ("baseColorFactor", "diffuseFactor"))
     }
-
-
-def _scale_colors(content: bytes) -> bytes:
-    """An OBJ with colours at vertices from 0 to 1, as trimesh expects them, where they are from 0 to 255."""
-    found = [float(value) for line in VERTEX_COLOR.findall(content) for value in line[1:]]
-    if max(found, default=0.0) <= 1:
-        return content
-    return VERTEX_COLOR.sub(lambda line: b" ".join([line[1], *(b"%f" % (float(line[index]) / 255) for index in (2, 3, 4))]), content)
 
 
 class _FolderFiles(Mapping):

@@ -1,13 +1,10 @@
 """Faces that are no triangles, or that occur twice; and polygons, which become triangles: concave ones by manifold3d."""
 
-import re
-
 import manifold3d
 import numpy as np
 
 UPRIGHT_SHARE = 0.9  # by area: a polygon is cut where it hardly overlaps itself, seen along its normal
 LEAST_TURNED = 1e-6  # share of a polygon's area in a triangle that faces the other way: less is what float32 leaves of a straight edge
-VERTEX, POLYGON = re.compile(rb"(?m)^v[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)"), re.compile(rb"(?m)^f((?:[ \t]+[-\d/]+){4,})")
 
 
 def find_triangles(faces: np.ndarray) -> np.ndarray:
@@ -54,23 +51,3 @@ def make_plane_axes(normal: np.ndarray) -> np.ndarray:
     """(2, 3) unit axes of the plane with this (3,) unit normal; with the normal as the third, they are right-handed."""
     across = np.linalg.svd(normal[None])[2][1:]
     return across[::-1] if np.linalg.det(np.stack([*across, normal])) < 0 else across
-
-
-def cut_obj(content: bytes) -> bytes:
-    """An OBJ whose concave polygons are triangles; trimesh cuts all as fans."""
-    content = content.replace(b"\\\r\n", b"").replace(b"\\\n", b"")  # lines that go on in the next one
-    lines, vertices = list(POLYGON.finditer(content)), list(VERTEX.finditer(content))
-    words = [line[1].split() for line in lines]
-    counts = np.array([len(one) for one in words], int)
-    before = np.searchsorted([line.start() for line in vertices], [line.start() for line in lines])  # from where a negative number counts
-    numbers = np.array([int(word.split(b"/")[0]) for one in words for word in one], int)
-    numbers += np.where(numbers < 0, np.repeat(before, counts), -1)
-    if not lines or numbers.min() < 0 or numbers.max() >= len(vertices):  # which trimesh refuses
-        return content
-    polygons, corners = cut_polygons(np.array([line.groups() for line in vertices]).astype(float)[numbers], counts)
-    parts, end = [], 0
-    for polygon in np.unique(polygons[(corners[:, 0] > 0) | (corners[:, 2] != corners[:, 1] + 1)]):
-        rows = corners[polygons.searchsorted(polygon) : polygons.searchsorted(polygon, "right")]
-        parts += [content[end : lines[polygon].start()], b"\n".join(b"f " + b" ".join(words[polygon][one] for one in row) for row in rows)]
-        end = lines[polygon].end()
-    return b"".join([*parts, content[end:]])
