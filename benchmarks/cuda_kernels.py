@@ -104,7 +104,7 @@ def note_launches(actions: list[Callable[[], object]]) -> dict[str, Launch]:
 
     kernels = type(cuda.jit(lambda: None))
     with ExitStack() as stack:
-        for target in ("surface.rendering.device_arrays.is_simulated", "runtime.kernel_devices.has_cuda"):
+        for target in ("runtime.compute.device_arrays.is_simulated", "runtime.compute.kernel_devices.has_cuda"):
             stack.enter_context(patch(f"zeroshop_steps.{target}", lambda: True))
         stack.enter_context(patch.object(kernels, "__getitem__", configure))
         stack.enter_context(patch.object(cuda, "to_device", lambda array: np.array(array).view(HostArray)))
@@ -146,9 +146,10 @@ def _search_planes() -> None:
 
 
 def _draw_mesh() -> None:
-    from zeroshop_steps.geometry.rendering.cuda_rasterization import CudaFaces
+    from zeroshop_steps.geometry.rendering.rasterization import PixelGrid, draw_on_device
 
-    CudaFaces(np.zeros((1, 3), np.int32)).draw(np.zeros((3, 2), np.float32), np.ones(3, np.float32), 0.0, (8, 8))
+    pixels, depth, unit = torch.zeros(1, 3, 2), torch.ones(1, 3), torch.ones(1, 2)
+    draw_on_device(pixels, depth, torch.zeros(1, 3, dtype=torch.int64), PixelGrid(unit, unit, 8, 8))
 
 
 def _color_texels() -> None:

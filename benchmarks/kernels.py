@@ -16,7 +16,7 @@ import torch
 from count import blended_samples
 from measure import Clock, Company, one_against_two_threads, peak_flops_per_second, peak_memory_mb, synchronised_seconds
 from scenes import SurfelScene, VoxelScene, ball_of_surfels, ball_of_voxels, cloud_of_surfels
-from zeroshop_steps.surface.rendering.device_arrays import choose_kernels
+from zeroshop_steps.runtime.compute.device_arrays import choose_kernels
 
 FLOPS = {"2dgs": (55, 115), "svraster": (185, 256)}
 """Operations of one blended sample, forward and backward."""

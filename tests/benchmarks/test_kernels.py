@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from helpers.paths import REPOSITORY
-from zeroshop_steps.surface.rendering.device_arrays import choose_kernels
+from zeroshop_steps.runtime.compute.device_arrays import choose_kernels
 
 SCRIPT = REPOSITORY / "benchmarks" / "kernels.py"
 

@@ -59,12 +59,12 @@ def test_the_simulated_kernel_draws_what_the_cpu_draws(tmp_path):
     run_in_simulator(drawn_boxes.__file__, str(tmp_path / "found.npz"))
     found = np.load(tmp_path / "found.npz")
     for name, expected in drawn_boxes.draw("cpu").items():
-        np.testing.assert_allclose(found[name], expected, rtol=0, atol=1e-5 if name == "barycentric" else 0, err_msg=name)
+        np.testing.assert_allclose(found[name], expected, rtol=0, atol=1e-5 if name in ("barycentric", "posed_shares") else 0, err_msg=name)
 
 
 @pytest.mark.skipif(not has_cuda(), reason="Numba finds no CUDA device")
 def test_a_device_draws_what_the_cpu_draws_and_the_same_bytes_twice():
     expected, found, again = (drawn_boxes.draw(device) for device in ("cpu", "cuda", "cuda"))
     assert all(found[name].tobytes() == again[name].tobytes() for name in found)
-    assert (found["face"] == expected["face"]).mean() > 0.999
+    assert all((found[name] == expected[name]).mean() > 0.999 for name in ("face", "posed_face"))
     np.testing.assert_allclose(found["depth"], expected["depth"], rtol=1e-5)

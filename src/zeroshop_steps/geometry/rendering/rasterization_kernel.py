@@ -1,4 +1,4 @@
-"""Rasterization, compiled: what `rasterization.draw_in_parts` does, in a fraction of the time.
+"""Rasterization, compiled for the processor.
 
 cuda_rasterization.py shares the functions for one face.
 """

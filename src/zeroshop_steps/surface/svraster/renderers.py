@@ -7,7 +7,7 @@ import numba
 import numpy as np
 import torch
 
-from zeroshop_steps.surface.rendering.device_arrays import THREADS, blocks_of_threads, choose_kernels, tensor_device, to_kernel
+from zeroshop_steps.runtime.compute.device_arrays import THREADS, blocks_of_threads, choose_kernels, tensor_device, to_kernel
 from zeroshop_steps.surface.rendering.sorted_lists import invert_order, sort_into_groups
 from zeroshop_steps.surface.rendering.tiling import TILE_PX
 from zeroshop_steps.surface.svraster.kernels import layout, project, rasterize, rasterize_backward, tiles

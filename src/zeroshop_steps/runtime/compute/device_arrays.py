@@ -4,9 +4,11 @@ from typing import Any
 
 import torch
 
-from zeroshop_steps.geometry.rendering.cuda_rasterization import THREADS
 from zeroshop_steps.runtime.compute.kernel_devices import choose_kernel_device
 from zeroshop_steps.runtime.errors import StepError
+
+THREADS = 128
+"""Of a block."""
 
 
 def choose_kernels(device: str) -> str:
