@@ -5,8 +5,9 @@ import pytest
 import trimesh
 
 from helpers.solids import as_trimesh
-from zeroshop_steps.finish.clean import clean_mesh, drop_floaters, label_parts
+from zeroshop_steps.finish.clean import clean_mesh, drop_floaters
 from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.meshes.mesh_repair import label_parts
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
@@ -31,7 +32,7 @@ def views(carton):
 def test_floaters_go_by_their_size_beside_the_largest_part(views):
     mesh, dropped = drop_floaters(joined(ball(15.0), ball(2.0, (0.0, 0.0, 30.0)), ball(8.0, (0.0, 0.0, -30.0))), views, 0.05)
     assert dropped == {"small": 1, "unseen": 0}
-    assert label_parts(mesh).max() == 1
+    assert label_parts(mesh.faces).max() == 1
 
 
 def test_a_part_inside_another_is_not_seen_and_goes(views):

@@ -6,12 +6,12 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.finish.clean import label_parts
 from zeroshop_steps.finish.closing.underside import NEAR_DIAGONALS
 from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_VIEWS
 from zeroshop_steps.geometry.alignment.surface_distance import SHARE_SAMPLES, count_seeing_views, sample_surface
 from zeroshop_steps.geometry.cameras.pinhole import Camera
 from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.meshes.mesh_repair import label_parts
 from zeroshop_steps.geometry.meshes.surface_fields import weld
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh, diameter_of, number_edges
 from zeroshop_steps.geometry.observation.support_classes import ASSUMED, MEASURED
@@ -26,7 +26,7 @@ INWARDS = 0.1  # share of the way from a border to the middle of its face at whi
 def measure_largest_part_share(mesh: Mesh) -> float:
     """Area of the largest connected part as a share of the whole; vertices at the same position are joined."""
     joined, _ = weld(mesh)
-    areas = np.bincount(label_parts(joined), joined.face_areas())
+    areas = np.bincount(label_parts(joined.faces), joined.face_areas())
     return float(areas.max() / max(areas.sum(), 1e-30))
 
 

@@ -9,13 +9,11 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_VIEWS
 from zeroshop_steps.geometry.cameras.registered_views import View, find_possible
 from zeroshop_steps.geometry.cameras.transforms import shrink_camera
-from zeroshop_steps.geometry.meshes.mesh_repair import drop_repeated_faces, find_triangles
+from zeroshop_steps.geometry.meshes.mesh_repair import drop_repeated_faces, find_triangles, label_parts
 from zeroshop_steps.geometry.meshes.meshlab import from_meshlab, smooth_taubin, to_meshlab
 from zeroshop_steps.geometry.meshes.surface_fields import weld
 from zeroshop_steps.geometry.meshes.triangle_meshes import MIN_FACES, Mesh
@@ -106,7 +104,7 @@ def _decimate(worker: "pymeshlab.MeshSet", max_faces: int, closed: bool) -> None
 
 def drop_floaters(mesh: Mesh, views: list[View], min_part: float) -> tuple[Mesh, dict[str, int]]:
     """Keep the largest part by area, and every part that is seen and has at least `min_part` of its area."""
-    labels = label_parts(mesh)
+    labels = label_parts(mesh.faces)
     areas = mesh.face_areas()
     part_areas = np.bincount(labels, areas)
     largest = int(part_areas.argmax())
@@ -120,14 +118,6 @@ def drop_floaters(mesh: Mesh, views: list[View], min_part: float) -> tuple[Mesh,
     drop[largest] = False
     dropped = {"small": int((small & drop).sum()), "unseen": int((unseen & ~small & drop).sum())}
     return Mesh(mesh.vertices, mesh.faces[~drop[labels]]).without_loose_vertices(), dropped
-
-
-def label_parts(mesh: Mesh) -> np.ndarray:
-    """(F,) index of each face's connected part; faces are connected by common vertices."""
-    a, b, c = mesh.faces.T
-    size = len(mesh.vertices)
-    graph = coo_matrix((np.ones(2 * len(a), bool), (np.r_[a, b], np.r_[b, c])), (size, size))
-    return np.unique(connected_components(graph, directed=False)[1][a], return_inverse=True)[1]
 
 
 def _weld(mesh: Mesh) -> Mesh:

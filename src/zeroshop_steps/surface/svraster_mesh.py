@@ -1,9 +1,9 @@
-"""Extract a raw mesh from trained voxels: marching cubes (Lorensen & Cline 1987) over the density at their corners.
+"""Extract a raw mesh from trained voxels: their depth maps are fused into signed distances (TSDF; Curless & Levoy 1996) on the lattice
+of the finest leaves, and marching cubes (Lorensen & Cline 1987) takes the surface.
 
-Leaves of all levels are interpolated onto one lattice, so that no crack opens where levels meet. Training leaves wisps of
-density everywhere; the density is trusted only within a narrow band around the surface that the voxels' depth maps show.
-What no camera sees counts as inside, so that the thin shell that training leaves of an object becomes one surface, not
-two. A small offset brings the silhouettes onto the masks, and surface that too few cameras see is left out.
+Depth maps of one view are rough: colour says nothing about ripples as fine as a voxel. Their mean over the views is not. What no camera
+sees counts as inside, so that the shell that training leaves of an object becomes one surface, not two. A small offset brings the
+silhouettes onto the masks, and surface that too few cameras see is left out.
 """
 
 import argparse
@@ -16,6 +16,7 @@ from scipy.ndimage import gaussian_filter
 from skimage.measure import marching_cubes
 
 from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_VIEWS
+from zeroshop_steps.geometry.meshes.mesh_repair import label_parts
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.observation.visibility import GRAZING_COSINE
 from zeroshop_steps.runtime.errors import StepError
@@ -23,21 +24,23 @@ from zeroshop_steps.surface.meshing.raw_mesh import OFFSET_VOXELS, read_mesh_vie
 from zeroshop_steps.surface.meshing.silhouette_offset import fit_to_masks
 from zeroshop_steps.surface.mvs.depth_maps import look_up_depths
 from zeroshop_steps.surface.rendering.training_views import TrainingView
-from zeroshop_steps.surface.svraster.density_grid import DensityGrid, fuse_signed_distances, half_opacity_value
 from zeroshop_steps.surface.svraster.render import RenderView, render
+from zeroshop_steps.surface.svraster.signed_distances import Lattice, fuse_signed_distances
 from zeroshop_steps.surface.svraster.voxels import Voxels, read_voxels
 
-# The bounds below were tuned on the demo mustard bottle. A step is the distance of two points of the lattice.
-REACH_STEPS = 4.0
+# The bounds below were chosen on two demo objects trained for 5,000 iterations and three trained from stereo. A step is the distance of two
+# points of the lattice.
+REACH_STEPS = 6.0
 """Depth maps are averaged within this many steps around the surface that they show."""
-BAND_STEPS = 1.5
-"""The density draws the surface within this many steps of the one that the depth maps show."""
 SMOOTH_STEPS = 1.0
-"""Standard deviation, in steps, by which values are smoothed: colour says nothing about ripples this fine."""
-CLIP = 4.0
-"""Values, before activation, are clipped this far around the surface's. Otherwise one far value would shift the crossing."""
+"""Standard deviation, in steps, by which distances are smoothed."""
 SEEN_STEPS = 2.0
 """A vertex within this many steps of the surface that a view shows is seen by the view."""
+GAP_STEPS = 8.0
+"""Unseen surface of at most the area of a square of this width is kept: the floor of a pit, say, which few views show."""
+
+UNKNOWN = np.float32(-1.0)
+"""Depth where light passes through voxels that the mask says are there: the object is somewhere on that ray."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,51 +55,48 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     voxels, sphere = read_voxels(args.model)
     views = read_mesh_views(args.cameras, sphere, args.image_width_px)
-    grid = DensityGrid.from_octree(voxels.octree, voxels.densities.numpy(), border=2)
+    lattice = Lattice.around(voxels.octree, border=2)
     depths = [render_depth(voxels, view) for view in views]
-    mesh = extract_surface(grid, views, depths)
+    mesh = extract_surface(lattice, views, depths)
     if mesh is None:
         raise StepError(f"{args.model} has no surface; train longer or check masks and cameras")
-    mesh, offset = fit_to_masks(mesh, views, limit=OFFSET_VOXELS * grid.step)
-    mesh = keep_seen(mesh, views, depths, SEEN_STEPS * grid.step)
+    mesh, offset = fit_to_masks(mesh, views, limit=OFFSET_VOXELS * lattice.step)
+    mesh = keep_seen(mesh, views, depths, lattice.step)
     if len(mesh.faces) == 0:
         raise StepError(f"{args.model} has no surface that {AGREEING_VIEWS} views see; train longer or check masks and cameras")
-    write_raw_mesh(args.out, mesh, sphere, len(voxels), offset / grid.step, start_s)
+    write_raw_mesh(args.out, mesh, sphere, len(voxels), offset / lattice.step, start_s)
 
 
 def render_depth(voxels: Voxels, view: TrainingView) -> np.ndarray:
-    """(H, W) float32 depth at which half of the light of each pixel is stopped; 0 outside the mask and where less is stopped."""
+    """(H, W) float32 depth at which half of the light of each pixel is stopped; `UNKNOWN` where less is, and 0 outside the mask."""
     with torch.no_grad():
         rendering = render(voxels.octree, voxels.densities, torch.zeros(len(voxels), 1, 3), 0, RenderView.from_training_view(view))
-    return np.where(view.mask.numpy() > 0.5, rendering.median_depth.numpy(), np.float32(0.0))
+    depth = rendering.median_depth.numpy()
+    return np.where(view.mask.numpy() > 0.5, np.where(depth > 0, depth, UNKNOWN), np.float32(0.0))
 
 
-def extract_surface(grid: DensityGrid, views: list[TrainingView], depths: list[np.ndarray]) -> Mesh | None:
-    """The surface of a grid of densities, in normalized coordinates; None when there is none.
+def extract_surface(lattice: Lattice, views: list[TrainingView], depths: list[np.ndarray]) -> Mesh | None:
+    """The surface that depth maps agree on, in normalized coordinates; None when there is none.
 
     Args:
-        depths: for each view, (H, W) depth of the surface, 0 where the view sees past the object. The density draws the
-            surface within a narrow band around the one that they show.
+        depths: for each view, (H, W) depth of the surface, 0 where the view sees past the object, negative where it is unknown.
     """
-    points = grid.points(np.argwhere(np.ones(grid.values.shape, bool)))
-    cameras, reach = [view.camera for view in views], REACH_STEPS * grid.step
-    values = -fuse_signed_distances(points, cameras, depths, reach, zero_is_free=True, min_views=AGREEING_VIEWS).reshape(grid.values.shape)
-    density = np.where(grid.covered, np.clip(grid.values - half_opacity_value(grid.step), -CLIP, CLIP), -CLIP)
-    values = np.where(np.abs(values) < BAND_STEPS * grid.step, density, np.sign(values) * CLIP)
-    values = gaussian_filter(values, SMOOTH_STEPS)
-    outside = values.min()
-    values[[0, -1]] = values[:, [0, -1]] = values[:, :, [0, -1]] = outside
-    mesh = extract_level_set(values.astype(np.float32))
-    return mesh and Mesh(grid.points(mesh.vertices), mesh.faces)
+    cameras, reach = [view.camera for view in views], REACH_STEPS * lattice.step
+    distances = fuse_signed_distances(lattice.points(), cameras, depths, reach, zero_is_free=True, min_views=AGREEING_VIEWS)
+    inwards = gaussian_filter(-distances.reshape(lattice.shape), SMOOTH_STEPS)
+    inwards[[0, -1]] = inwards[:, [0, -1]] = inwards[:, :, [0, -1]] = -reach
+    mesh = extract_level_set(inwards)
+    return mesh and Mesh(lattice.points(mesh.vertices), mesh.faces)
 
 
-def keep_seen(mesh: Mesh, views: list[TrainingView], depths: list[np.ndarray], reach: float) -> Mesh:
-    """The faces that lie, within `reach`, on the surface that enough views show, and that face some camera.
+def keep_seen(mesh: Mesh, views: list[TrainingView], depths: list[np.ndarray], step: float) -> Mesh:
+    """The faces that lie on the surface that enough views show, and that face some camera, and small gaps between them.
 
     The rest is a guess, for example the underside, and the walls of a hollow that no camera looks into.
 
     Args:
-        depths: for each view, (H, W) depth of the surface, 0 where the view sees past the object.
+        depths: for each view, (H, W) depth of the surface, 0 where the view sees past the object, negative where it is unknown.
+        step: of the lattice.
     """
     normals, corners = mesh.face_normals(), mesh.vertices[mesh.faces[:, 0]]
     cosine, shown = np.full(len(normals), -1.0), np.zeros(len(mesh.vertices), int)
@@ -104,8 +104,10 @@ def keep_seen(mesh: Mesh, views: list[TrainingView], depths: list[np.ndarray], r
         towards = view.camera.centre_in_world - corners
         np.maximum(cosine, np.einsum("fi,fi->f", normals, towards) / np.linalg.norm(towards, axis=1), out=cosine)
         framed, surface, own = look_up_depths(view.camera, depth, mesh.vertices)
-        shown[framed] += np.abs(surface - own) < reach
+        shown[framed] += np.abs(surface - own) < SEEN_STEPS * step
     kept = (cosine > GRAZING_COSINE) & (shown[mesh.faces] >= AGREEING_VIEWS).all(axis=1)
+    gap = label_parts(mesh.faces[~kept])
+    kept[~kept] = np.bincount(gap, mesh.face_areas()[~kept])[gap] < (GAP_STEPS * step) ** 2
     return Mesh(mesh.vertices, mesh.faces[kept]).without_loose_vertices()
 
 

@@ -15,13 +15,13 @@ from zeroshop_steps.geometry.cameras.object_crops import ObjectSphere
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.surface.rendering.training_views import TrainingView
-from zeroshop_steps.surface.svraster.density_grid import DensityGrid, fuse_signed_distances, half_opacity_value
 from zeroshop_steps.surface.svraster.initialization import initialize_voxels
 from zeroshop_steps.surface.svraster.octree import CELLS, Octree
 from zeroshop_steps.surface.svraster.settings import VoxelSettings
+from zeroshop_steps.surface.svraster.signed_distances import Lattice, fuse_signed_distances
 from zeroshop_steps.surface.svraster.train import BETAS, LEARNING_RATES, VoxelTrainer, prune_and_subdivide
 from zeroshop_steps.surface.svraster.voxels import Voxels, read_voxels, write_voxels
-from zeroshop_steps.surface.svraster_mesh import extract_level_set, extract_surface, keep_seen, render_depth
+from zeroshop_steps.surface.svraster_mesh import UNKNOWN, extract_level_set, extract_surface, keep_seen, render_depth
 from zeroshop_steps.surface.training.optimizer import ResizableAdam
 from zeroshop_steps.surface.training.trainer import ViewPyramid
 
@@ -50,9 +50,8 @@ def test_training_finds_the_ball_and_its_closed_surface(ball: tuple) -> None:
     assert after > before + 3.0, "the images must be explained much better than by the mist of mean colours at the start"
     voxels = detached(trainer.model)
     assert len(set(voxels.octree.levels)) > 1
-    field = DensityGrid.from_octree(voxels.octree, voxels.densities.numpy(), border=2)
     depths = [render_depth(voxels, view) for view in views]
-    mesh = extract_surface(field, views, depths)
+    mesh = extract_surface(Lattice.around(voxels.octree, border=2), views, depths)
     main = max(as_trimesh(mesh).split(only_watertight=False), key=lambda part: part.area)
     assert watertight(mesh) and main.volume > 0
     assert np.mean(np.abs(np.linalg.norm(main.vertices, axis=1) - RADIUS)) < 0.06 * RADIUS
@@ -109,36 +108,28 @@ def mixed_octree() -> Octree:
     return octree
 
 
-def test_no_crack_opens_where_levels_meet() -> None:
+def test_the_lattice_passes_through_the_corners_of_the_finest_leaves() -> None:
     octree = mixed_octree()
-    assert len(set(octree.levels)) == 3
-    values = RADIUS - np.linalg.norm(octree.corner_points * (2.0 / CELLS) - 1.0, axis=1)
-    field = DensityGrid.from_octree(octree, values.astype(np.float32), border=1)
-    assert field.covered[1:-1, 1:-1, 1:-1].all() and not field.covered[0].any()
-    mesh = extract_level_set(np.where(field.covered, field.values, -1.0).astype(np.float32))
-    mesh = Mesh(field.points(mesh.vertices), mesh.faces)
+    lattice = Lattice.around(octree, border=1)
+    points = lattice.points()
+    assert len(points) == np.prod(lattice.shape) and np.ptp(points, axis=0) == pytest.approx(2.0 + 2 * lattice.step)
+    index = np.argwhere(np.ones(lattice.shape, bool))
+    np.testing.assert_array_equal(lattice.points(index), points)
+    corners = octree.corner_points[np.unique(octree.corners[octree.cells == octree.cells.min()])] * (2.0 / CELLS) - 1.0
+    places = (corners - points[0]) / lattice.step
+    np.testing.assert_allclose(places, places.round(), atol=1e-9)
+
+
+def test_rough_depth_maps_become_one_smooth_surface_without_holes(ball: tuple) -> None:
+    views, depths = ball
+    noise = np.random.default_rng(0)
+    rough = [np.where(depth > 0, depth + noise.normal(0, 0.03, depth.shape), 0).astype(np.float32) for depth in depths]
+    for depth in rough:
+        depth[(noise.random(depth.shape) < 0.1) & (depth > 0)] = UNKNOWN
+    lattice = Lattice(np.full(3, 9), (47, 47, 47), 2.0 / 64)
+    mesh = extract_surface(lattice, views, rough)
     assert watertight(mesh) and len(as_trimesh(mesh).split()) == 1
-    assert np.abs(np.linalg.norm(mesh.vertices, axis=1) - RADIUS).max() < 0.01
-    assert as_trimesh(mesh).volume == pytest.approx(4 / 3 * np.pi * RADIUS**3, rel=0.02)
-
-
-def test_a_field_passes_through_the_corners_of_its_finest_leaves() -> None:
-    octree = mixed_octree()
-    values = np.random.default_rng(0).normal(size=octree.corner_count).astype(np.float32)
-    field = DensityGrid.from_octree(octree, values, border=0)
-    unit = octree.cells.min()
-    inner = octree.centres[:, 0] > 0.5
-    corners = np.unique(octree.corners[inner])
-    assert np.allclose(field.values[tuple((octree.corner_points[corners] // unit).T)], values[corners], atol=1e-5)
-
-
-def test_half_of_the_light_is_stopped_at_the_half_value() -> None:
-    from voxel_reference import activate
-    from zeroshop_steps.surface.svraster.kernels.intersection import DENSITY_SCALE
-
-    for step in (0.1, 0.0078, 1e-3):
-        density = float(activate(torch.tensor(half_opacity_value(step), dtype=torch.float64)))
-        assert 1 - np.exp(-density * DENSITY_SCALE * step) == pytest.approx(0.5)
+    assert np.mean(np.abs(np.linalg.norm(mesh.vertices, axis=1) - RADIUS)) < 0.02
 
 
 @pytest.mark.slow
@@ -257,10 +248,22 @@ def test_what_too_few_cameras_see_is_left_out(ball: tuple) -> None:
     views, depths = [view for view, _ in above], [depth for _, depth in above]
     both = trimesh.util.concatenate([trimesh.creation.icosphere(4, radius) for radius in (RADIUS, RADIUS / 2)])
     mesh = Mesh(np.asarray(both.vertices), np.asarray(both.faces))
-    kept = keep_seen(mesh, views, depths, reach=0.1)
+    kept = keep_seen(mesh, views, depths, step=0.05)
     assert kept.vertices[:, 2].max() == pytest.approx(RADIUS, rel=0.01) and -RADIUS < kept.vertices[:, 2].min() < -0.3 * RADIUS
     assert np.linalg.norm(kept.vertices, axis=1).min() > 0.9 * RADIUS, "what is hidden inside goes"
-    assert len(keep_seen(mesh, views[:1], depths[:1], reach=0.1).faces) == 0, "one view is not enough"
+    assert len(keep_seen(mesh, views[:1], depths[:1], step=0.05).faces) == 0, "one view is not enough"
+
+
+def test_a_pit_stays_closed(ball: tuple) -> None:
+    views, depths = ball[0], [depth.astype(np.float32) for depth in ball[1]]
+    sphere = trimesh.creation.icosphere(4, RADIUS)
+    vertices = np.array(sphere.vertices)
+    pit = np.linalg.norm(vertices - [RADIUS, 0, 0], axis=1) < 0.1
+    vertices[pit] *= 0.7
+    assert len(keep_seen(Mesh(vertices, np.asarray(sphere.faces)), views, depths, step=0.05).faces) == len(sphere.faces)
+    pit = np.linalg.norm(vertices - [RADIUS, 0, 0], axis=1) < 0.5
+    vertices[pit] *= 0.7
+    assert len(keep_seen(Mesh(vertices, np.asarray(sphere.faces)), views, depths, step=0.05).faces) < len(sphere.faces)
 
 
 def test_extract_level_set_faces_outwards() -> None:

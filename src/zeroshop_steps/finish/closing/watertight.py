@@ -22,11 +22,11 @@ from scipy import ndimage
 from scipy.spatial import ConvexHull
 from skimage.measure import marching_cubes
 
-from zeroshop_steps.finish.clean import label_parts
 from zeroshop_steps.finish.closing.generated import GeneratedShape
 from zeroshop_steps.finish.closing.measured_surface import MeasuredSurface
 from zeroshop_steps.finish.closing.voxel_votes import Grid, Votes, cast_votes
 from zeroshop_steps.geometry.cameras.registered_views import View
+from zeroshop_steps.geometry.meshes.mesh_repair import label_parts
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.geometry.support.ground_plane import Plane
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
@@ -242,7 +242,7 @@ def _extract(distance: np.ndarray, grid: Grid) -> Mesh:
 
 def _without_small_parts(mesh: Mesh) -> Mesh:
     """The mesh without closed parts far smaller than the largest, by area."""
-    labels = label_parts(mesh)
+    labels = label_parts(mesh.faces)
     areas = np.bincount(labels, mesh.face_areas())
     kept = (areas >= PART_SHARE * areas.max())[labels]
     return Mesh(mesh.vertices, mesh.faces[kept]).without_loose_vertices()

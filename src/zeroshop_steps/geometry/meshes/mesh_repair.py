@@ -2,6 +2,8 @@
 
 import manifold3d
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 UPRIGHT_SHARE = 0.9  # by area: a polygon is cut where it hardly overlaps itself, seen along its normal
 LEAST_TURNED = 1e-6  # share of a polygon's area in a triangle that faces the other way: less is what float32 leaves of a straight edge
@@ -10,6 +12,14 @@ LEAST_TURNED = 1e-6  # share of a polygon's area in a triangle that faces the ot
 def find_triangles(faces: np.ndarray) -> np.ndarray:
     """(F,) bool: faces with three different vertices."""
     return (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+
+
+def label_parts(faces: np.ndarray) -> np.ndarray:
+    """(F,) index of the connected part of each of (F, 3) faces, which are connected by common vertices."""
+    a, b, c = faces.T
+    size = int(faces.max(initial=-1)) + 1
+    graph = coo_matrix((np.ones(2 * len(a), bool), (np.r_[a, b], np.r_[b, c])), (size, size))
+    return np.unique(connected_components(graph, directed=False)[1][a], return_inverse=True)[1]
 
 
 def drop_repeated_faces(faces: np.ndarray) -> np.ndarray:

@@ -7,9 +7,9 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filt
 from zeroshop_steps.geometry.observation.visual_hull import SMOOTHING_VOXELS, VisualHull
 from zeroshop_steps.surface.rendering.spherical_harmonics import SH_CONSTANT
 from zeroshop_steps.surface.rendering.training_views import TrainingView
-from zeroshop_steps.surface.svraster.density_grid import fuse_signed_distances
 from zeroshop_steps.surface.svraster.octree import CELLS, CORNER_OFFSETS, Octree
 from zeroshop_steps.surface.svraster.settings import VoxelSettings
+from zeroshop_steps.surface.svraster.signed_distances import fuse_signed_distances
 from zeroshop_steps.surface.svraster.voxels import Voxels
 from zeroshop_steps.surface.training.initialization import Initialization, average_colors
 from zeroshop_steps.surface.training.trainer import find_depth_targets
