@@ -257,3 +257,14 @@ def test_a_surface_that_nothing_measured_is_not_good(carton):
         shares.append(photos["measures"]["assumed_share"])
     assert shares[0] == 0.0 and 0.4 < shares[1] < 0.6
     assert photos["grade"] != "good" and any("assumed_share" in reason for reason in photos["reasons"])
+
+
+def test_a_mesh_whose_masks_contradict_each_other_is_not_usable(carton):
+    views, _ = read_views(carton.cameras)
+    metadata = {"frame_facts": {"bottom_z": -SIZE_MM[2] / 2}}
+    limits = {measure.name: (measure.good, measure.sparse) for measure in MEASURES}
+    mesh = replace(carton.mesh, quality=np.ones(len(carton.mesh.vertices)))
+    for missed_px, grade in ((None, "good"), (1.4, "good"), (5.0, "sparse"), (12.0, "none")):
+        photos = judge_mesh(mesh, metadata, views, len(views), None, limits, missed_px)["photos"]
+        assert photos["grade"] == grade, photos["reasons"]
+    assert "outlines_miss_px is 12, above 8, the limit of sparse" in photos["reasons"][0]

@@ -52,6 +52,17 @@ def test_what_lies_outside_the_masks_goes(views):
     assert np.abs(mesh.vertices[:, 1]).max() < 20.0
 
 
+def test_a_surface_from_small_images_is_cut_no_finer_than_its_faces(carton, views):
+    """It may lie beyond the masks by less than it resolves; a fine one that lies as far beyond them is wrong there."""
+    low, high = carton.mesh.vertices.min(0), carton.mesh.vertices.max(0)
+    for times, whole in ((2, True), (5, False)):
+        box = trimesh.creation.box(bounds=[low - 4.0, high + 4.0])
+        for _ in range(times):
+            box = box.subdivide()
+        mesh, _ = clean_mesh(Mesh(np.array(box.vertices), np.array(box.faces)), views, smooth=0)
+        assert (len(mesh.faces) == len(box.faces)) == whole
+
+
 def test_light_smoothing_removes_noise_and_does_not_shrink(views):
     noisy = ball(18.0, subdivisions=4)
     noisy = Mesh(noisy.vertices + np.random.default_rng(0).normal(0.0, 0.1, noisy.vertices.shape), noisy.faces)

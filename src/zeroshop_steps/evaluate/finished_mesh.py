@@ -28,6 +28,7 @@ from zeroshop_steps.runtime.compute.kernel_devices import DEVICES, choose_kernel
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import part_of_step
 from zeroshop_steps.runtime.files import Record, atomic_write, read_json
+from zeroshop_steps.segment.record import RECORD as SEGMENTATION
 from zeroshop_steps.surface.mvs.seeds import read_confirmed_points
 
 EVIDENCE, QUALITY, PREVIEW = "evidence.npz", "quality.json", "mesh_preview.png"
@@ -70,7 +71,9 @@ def run(args: argparse.Namespace) -> None:
             quality = _measure_against_truth(args, mesh, metadata, registered)
     with part_of_step("evaluate.grade"):
         start_s, record = time.monotonic(), read_json(args.cameras / "registration.json")
-        content = judge_mesh(mesh, metadata, views, record["images"] - len(record.get("foreign", [])), quality, limits)
+        found = args.cameras / SEGMENTATION
+        missed_px = read_json(found).get("outlines_miss_px") if found.is_file() else None
+        content = judge_mesh(mesh, metadata, views, record["images"] - len(record.get("foreign", [])), quality, limits, missed_px)
         write_grade(args.out, content | {"device": device, "seconds": round(time.monotonic() - start_s, 2)})
     with part_of_step("finish.preview"):
         write_image(args.out.with_name(PREVIEW), draw_preview(mesh, views))

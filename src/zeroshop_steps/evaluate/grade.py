@@ -48,7 +48,8 @@ def read_limits(args: argparse.Namespace) -> dict[str, tuple[float, float]]:
 
 
 def judge_mesh(
-    mesh: Mesh, metadata: dict, views: list[View], photos: int, quality: dict | None, limits: dict[str, tuple[float, float]]
+    mesh: Mesh, metadata: dict, views: list[View], photos: int, quality: dict | None, limits: dict[str, tuple[float, float]],
+    outlines_miss_px: float | None = None,
 ) -> dict:  # fmt: skip
     """The content of grade.json.
 
@@ -59,11 +60,14 @@ def judge_mesh(
         photos: how many photos the capture has.
         quality: content of quality.json; None without a truth.
         limits: by measure.
+        outlines_miss_px: by how much the outlines of masks that were found miss each other (segment/record.py).
     """
     supported = drop_underside(mesh, metadata)
     values = measure_mesh(supported, views, photos, metadata["frame_facts"]["bottom_z"])
     values["assumed_share"] = compute_area_shares(supported)["assumed"]
     values["guessed_share"] = round(measure_guessed_share(supported, views, find_inferred(metadata)), 5)
+    if outlines_miss_px is not None:
+        values["outlines_miss_px"] = outlines_miss_px
     true_values = None
     if quality is not None:
         true_values = {measure.name: quality[measure.name] for measure in MEASURES if measure.needs_truth and measure.name in quality}

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 RENDER_PX = 480  # longer side of the renders that tell what is seen; smaller ones would miss thin parts
 MASK_MARGIN_PX = 3.0  # a vertex this far outside a mask is outside: borders of masks are about this uncertain
+MASK_MARGIN_EDGES = 1.0  # or this far, in edges of the raw mesh, which is no finer: one of small images would lose a ring below each rim
 DECIMATION_QUALITY = 0.3  # MeshLab's threshold against slivers, its default; given since it would else keep that of its last call
 BORDER_WEIGHT = 2.0  # edges of open borders count twice in the decimation, so that borders keep their shape
 
@@ -131,13 +132,16 @@ def _weld(mesh: Mesh) -> Mesh:
 def _trim_to_masks(mesh: Mesh, views: list[View]) -> Mesh:
     """Remove faces with a corner outside the masks of at least two photos; the object is inside all of them."""
     outside = np.zeros(len(mesh.vertices), int)
+    edges = np.linalg.norm(mesh.vertices[mesh.faces] - mesh.vertices[np.roll(mesh.faces, 1, axis=1)], axis=2)
+    margin = MASK_MARGIN_EDGES * float(np.median(edges))
     for view in views:
         mask = find_possible(view.mask(), view.confidence())
         if mask.all() or not mask.any():
             continue
         distance = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
-        rows, columns, _, inside_image = view.camera.find_pixels(mesh.vertices)
-        outside[inside_image] += distance[rows[inside_image], columns[inside_image]] > MASK_MARGIN_PX
+        rows, columns, depth, seen = view.camera.find_pixels(mesh.vertices)
+        margin_px = np.maximum(MASK_MARGIN_PX, margin * view.camera.intrinsics[0, 0] / depth[seen])
+        outside[seen] += distance[rows[seen], columns[seen]] > margin_px
     keep = (outside[mesh.faces] < AGREEING_VIEWS).all(1)
     if not keep.any():
         raise StepError("the mesh lies outside the masks: mesh and cameras do not belong together, or the masks show another object")

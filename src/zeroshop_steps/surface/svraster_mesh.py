@@ -36,8 +36,9 @@ SMOOTH_STEPS = 1.0
 """Standard deviation, in steps, by which distances are smoothed."""
 SEEN_STEPS = 2.0
 """A vertex within this many steps of the surface that a view shows is seen by the view."""
-GAP_STEPS = 8.0
-"""Unseen surface of at most the area of a square of this width is kept: the floor of a pit, say, which few views show."""
+GAP_RADII = 0.125
+"""Unseen surface of at most the area of a square of this width, in radii of the object, is kept: the floor of a pit, say, which few
+views show."""
 
 UNKNOWN = np.float32(-1.0)
 """Depth where light passes through voxels that the mask says are there: the object is somewhere on that ray."""
@@ -107,7 +108,7 @@ def keep_seen(mesh: Mesh, views: list[TrainingView], depths: list[np.ndarray], s
         shown[framed] += np.abs(surface - own) < SEEN_STEPS * step
     kept = (cosine > GRAZING_COSINE) & (shown[mesh.faces] >= AGREEING_VIEWS).all(axis=1)
     gap = label_parts(mesh.faces[~kept])
-    kept[~kept] = np.bincount(gap, mesh.face_areas()[~kept])[gap] < (GAP_STEPS * step) ** 2
+    kept[~kept] = np.bincount(gap, mesh.face_areas()[~kept])[gap] < GAP_RADII**2
     return Mesh(mesh.vertices, mesh.faces[kept]).without_loose_vertices()
 
 

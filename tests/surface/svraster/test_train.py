@@ -254,16 +254,14 @@ def test_what_too_few_cameras_see_is_left_out(ball: tuple) -> None:
     assert len(keep_seen(mesh, views[:1], depths[:1], step=0.05).faces) == 0, "one view is not enough"
 
 
-def test_a_pit_stays_closed(ball: tuple) -> None:
+@pytest.mark.parametrize(("width", "closed"), [(0.04, True), (0.5, False)])
+def test_a_small_pit_stays_closed(ball: tuple, width: float, closed: bool) -> None:
     views, depths = ball[0], [depth.astype(np.float32) for depth in ball[1]]
     sphere = trimesh.creation.icosphere(4, RADIUS)
     vertices = np.array(sphere.vertices)
-    pit = np.linalg.norm(vertices - [RADIUS, 0, 0], axis=1) < 0.1
-    vertices[pit] *= 0.7
-    assert len(keep_seen(Mesh(vertices, np.asarray(sphere.faces)), views, depths, step=0.05).faces) == len(sphere.faces)
-    pit = np.linalg.norm(vertices - [RADIUS, 0, 0], axis=1) < 0.5
-    vertices[pit] *= 0.7
-    assert len(keep_seen(Mesh(vertices, np.asarray(sphere.faces)), views, depths, step=0.05).faces) < len(sphere.faces)
+    vertices[np.linalg.norm(vertices - [RADIUS, 0, 0], axis=1) < width] *= 0.9
+    kept = keep_seen(Mesh(vertices, np.asarray(sphere.faces)), views, depths, step=0.025)
+    assert (len(kept.faces) == len(sphere.faces)) == closed
 
 
 def test_extract_level_set_faces_outwards() -> None:

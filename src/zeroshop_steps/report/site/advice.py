@@ -11,6 +11,8 @@ BY_MEASURE = {
     "ground with more texture, such as the printed one.",
     "silhouette_agreement": "The outlines of mesh and masks differ: look at the masks below, and put the object on a ground of other "
     "colours.",
+    "outlines_miss_px": "The masks contradict each other, so parts of the object may be missing: look at the masks below, do not move or "
+    "touch the object, and put it on a ground with more print.",
     "largest_part_share": "The mesh is in pieces, because too few photos show its thin parts: take more photos from closer and in between.",
     "open_boundary_diameters": "The surface has open borders that photos see: take photos of these sides as well, from lower and from "
     "above.",
