@@ -17,7 +17,7 @@ import numpy as np
 from zeroshop_steps.evaluate.grade import add_limits, judge_mesh, make_ungraded_record, read_limits, write_grade
 from zeroshop_steps.evaluate.quality import GroundTruth, make_quality_record, write_quality
 from zeroshop_steps.finish.preview import draw_around, draw_preview
-from zeroshop_steps.geometry.cameras.registered_views import View, choose_standing, read_views
+from zeroshop_steps.geometry.cameras.registered_views import View, choose_standing, read_mask_record, read_views
 from zeroshop_steps.geometry.cameras.transforms import transform_camera, transform_points
 from zeroshop_steps.geometry.imaging.images import write_image
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
@@ -28,7 +28,6 @@ from zeroshop_steps.runtime.compute.kernel_devices import DEVICES, choose_kernel
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import part_of_step
 from zeroshop_steps.runtime.files import Record, atomic_write, read_json
-from zeroshop_steps.segment.record import RECORD as SEGMENTATION
 from zeroshop_steps.surface.mvs.seeds import read_confirmed_points
 
 EVIDENCE, QUALITY, PREVIEW = "evidence.npz", "quality.json", "mesh_preview.png"
@@ -71,8 +70,7 @@ def run(args: argparse.Namespace) -> None:
             quality = _measure_against_truth(args, mesh, metadata, registered)
     with part_of_step("evaluate.grade"):
         start_s, record = time.monotonic(), read_json(args.cameras / "registration.json")
-        found = args.cameras / SEGMENTATION
-        missed_px = read_json(found).get("outlines_miss_px") if found.is_file() else None
+        missed_px = read_mask_record(args.cameras).get("outlines_miss_px")
         content = judge_mesh(mesh, metadata, views, record["images"] - len(record.get("foreign", [])), quality, limits, missed_px)
         write_grade(args.out, content | {"device": device, "seconds": round(time.monotonic() - start_s, 2)})
     with part_of_step("finish.preview"):

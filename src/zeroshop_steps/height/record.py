@@ -12,13 +12,12 @@ import numpy as np
 
 from zeroshop_steps.capture.known_height import read_known_height_m
 from zeroshop_steps.geometry.alignment.robust_estimates import AGREEING_DEVIATIONS
-from zeroshop_steps.geometry.cameras.registered_views import View, read_views
+from zeroshop_steps.geometry.cameras.registered_views import View, read_mask_record, read_views
 from zeroshop_steps.geometry.meshes.ply_surface import read_ply
 from zeroshop_steps.geometry.meshes.triangle_meshes import Mesh
 from zeroshop_steps.height.object_pose import ObjectPose, measure_object_pose
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json, write_json
-from zeroshop_steps.segment.record import read_mask_record
 
 UNKNOWN = (
     "the scale is unknown: no height is given, so the mesh keeps the registration's arbitrary scale. Give the object's height in "

@@ -17,14 +17,13 @@ import numpy as np
 
 from zeroshop_steps.capture.cameras_json import FILE, GivenCameras, Lens, read_given_cameras
 from zeroshop_steps.geometry.cameras.pinhole import read_sparse_model
+from zeroshop_steps.geometry.cameras.registered_views import SEGMENTATION, read_mask_record
 from zeroshop_steps.geometry.imaging.images import list_images, read_image, read_mask, write_image, write_mask
 from zeroshop_steps.methods import SEGMENTATIONS
 from zeroshop_steps.runtime.files import atomic_directory, link_or_copy, read_json, write_json
 from zeroshop_steps.segment.record import (
-    RECORD,
     add_rejected_argument,
     draw_mask_sheet,
-    read_mask_record,
     show_rejected_masks,
     warn_of_dropped,
 )
@@ -121,7 +120,7 @@ def write_capture(
                 link_or_copy(path, folder / "images" / path.name)
                 write_mask(folder / "masks" / f"{path.stem}.png", mask)
         write_json(folder / "capture.json", {**facts, "scene": SCENE, "images": len(paths) - len(dropped), "seconds": record["seconds"]})
-        write_json(folder / RECORD, record)
+        write_json(folder / SEGMENTATION, record)
         write_image(folder / "contact_sheet.png", draw_mask_sheet(paths, masks, dropped))
         if cameras is not None:
             cameras.write(folder / FILE)

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras.pinhole import Camera
-from zeroshop_steps.geometry.cameras.registered_views import CONFIDENCE, View
+from zeroshop_steps.geometry.cameras.registered_views import CONFIDENCE, SEGMENTATION, View
 from zeroshop_steps.geometry.cameras.sparse_files import read_reconstruction, write_reconstruction
 from zeroshop_steps.geometry.imaging.contact_sheets import RED, arrange_in_rows, tile_size_px, write_label
 from zeroshop_steps.geometry.imaging.images import read_image, write_image, write_mask
@@ -23,15 +23,13 @@ from zeroshop_steps.register.refinement.silhouette_refinement import Straightene
 from zeroshop_steps.register.scene.record import find_lens, read_registration
 from zeroshop_steps.runtime.compute.thread_pool import map_in_threads
 from zeroshop_steps.runtime.errors import warn
-from zeroshop_steps.runtime.files import atomic_directory, link_or_copy, read_json, write_json
+from zeroshop_steps.runtime.files import atomic_directory, link_or_copy, write_json
 from zeroshop_steps.segment.photometry.exposure import Exposure, equalize_exposure, estimate_exposure
 from zeroshop_steps.segment.quality.mask_agreement import assess_masks
 from zeroshop_steps.segment.quality.mask_quality import MasksRejected, find_contradicted
 
 WIDE_SHARE = 0.9  # of a photo, that is left of it undistorted: of ordinary lenses, more is
 DARKENED_BY = 3  # what lies outside a mask, on the sheet of all masks
-RECORD = "segmentation.json"
-"""The file beside images/ and masks/ that says how the masks were found and how good they are."""
 
 
 def add_common_arguments(parser: argparse.ArgumentParser) -> None:
@@ -106,7 +104,7 @@ def write_segmented(
         record = record | _describe_straightened(straightened, cameras, record)
         registration |= {"registered": model.num_reg_images(), "left_out_by_mask": sorted(dropped)}
         write_json(folder / "registration.json", registration)
-        write_json(folder / RECORD, record)
+        write_json(folder / SEGMENTATION, record)
         write_image(folder / "contact_sheet.png", draw_mask_sheet([view.image_path for view in views], masks, dropped))
     warn_of_dropped(record, registration)
     warn_of_bent_cameras(straightened)
@@ -135,11 +133,6 @@ def _write_confidence(folder: Path, cameras: list[Camera], masks: list[np.ndarra
             write_mask(folder / CONFIDENCE / f"{Path(camera.name).stem}.png", ~contradicted)
 
     map_in_threads(write, cameras, masks, hulls)
-
-
-def read_mask_record(folder: Path | None) -> dict[str, Any]:
-    """The segmentation.json beside the masks; where there is none, the user gave the masks."""
-    return read_json(folder / RECORD) if folder and (folder / RECORD).is_file() else {"method": "given"}
 
 
 def warn_of_dropped(record: dict[str, Any], registration: Mapping[str, Any] | None = None) -> None:

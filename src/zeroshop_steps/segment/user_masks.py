@@ -8,12 +8,12 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from zeroshop_steps.geometry.cameras.registered_views import read_views
+from zeroshop_steps.geometry.cameras.registered_views import read_mask_record, read_views
 from zeroshop_steps.register.scene.record import read_registration
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.quality.mask_agreement import assess_masks
 from zeroshop_steps.segment.quality.mask_quality import check_enough_good, describe_quality
-from zeroshop_steps.segment.record import add_common_arguments, read_mask_record, show_rejected_masks, write_segmented
+from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
 
 METHOD = {"given": True, "runtime_min": 60}
 

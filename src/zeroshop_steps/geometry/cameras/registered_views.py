@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,7 @@ DEVIATIONS = "camera_deviation.csv"
 """Beside cameras that were estimated: how surely each is held."""
 
 CONFIDENCE = "confidence"  # the folder beside masks/; a mask without a file there is sure everywhere
+SEGMENTATION = "segmentation.json"  # the file beside masks/ that says how they were found and how good they are
 
 
 @dataclass(frozen=True)
@@ -130,3 +132,8 @@ def read_object_masks(views: Sequence[View]) -> list[np.ndarray]:
         if not mask.any():
             raise StepError(f"mask {view.mask_path} is empty; segment that image again or leave it out")
     return masks
+
+
+def read_mask_record(folder: Path | None) -> dict[str, Any]:
+    """What `SEGMENTATION` beside the masks says; where there is none, the user gave the masks."""
+    return read_json(folder / SEGMENTATION) if folder and (folder / SEGMENTATION).is_file() else {"method": "given"}

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from zeroshop_steps.geometry.rendering.rasterization_kernel import draw_faces, find_shares
 from zeroshop_steps.runtime.compute.device_arrays import to_kernel
+from zeroshop_steps.runtime.compute.kernel_devices import choose_kernel_device
 
 NEAREST = 1e-3
 """Faces with a corner closer to the camera plane than this, in the mesh's unit, are not drawn."""
@@ -81,6 +82,7 @@ def rasterize(points: Tensor, faces: Tensor, grid: PixelGrid) -> Fragments:
     """
     pixels, depth = find_pixels(points, grid)
     if points.device.type != "cpu":
+        choose_kernel_device("cuda")  # raises where PyTorch finds the device alone
         return draw_on_device(pixels, depth, faces, grid)
     shape = (len(points), grid.height_px, grid.width_px)
     arrays = (pixels.numpy(), depth.numpy(), faces.numpy())
