@@ -83,8 +83,11 @@ def extract_surface(lattice: Lattice, views: list[TrainingView], depths: list[np
         depths: for each view, (H, W) depth of the surface, 0 where the view sees past the object, negative where it is unknown.
     """
     cameras, reach = [view.camera for view in views], REACH_STEPS * lattice.step
-    distances = fuse_signed_distances(lattice.points(), cameras, depths, reach, zero_is_free=True, min_views=AGREEING_VIEWS)
-    inwards = gaussian_filter(-distances.reshape(lattice.shape), SMOOTH_STEPS)
+    inwards = np.empty(lattice.shape, np.float32)
+    for number, layer in enumerate(inwards):
+        distances = fuse_signed_distances(lattice.layer(number), cameras, depths, reach, zero_is_free=True, min_views=AGREEING_VIEWS)
+        layer[:] = -distances.reshape(layer.shape)
+    inwards = gaussian_filter(inwards, SMOOTH_STEPS)
     inwards[[0, -1]] = inwards[:, [0, -1]] = inwards[:, :, [0, -1]] = -reach
     mesh = extract_level_set(inwards)
     return mesh and Mesh(lattice.points(mesh.vertices), mesh.faces)

@@ -111,10 +111,9 @@ def mixed_octree() -> Octree:
 def test_the_lattice_passes_through_the_corners_of_the_finest_leaves() -> None:
     octree = mixed_octree()
     lattice = Lattice.around(octree, border=1)
-    points = lattice.points()
-    assert len(points) == np.prod(lattice.shape) and np.ptp(points, axis=0) == pytest.approx(2.0 + 2 * lattice.step)
-    index = np.argwhere(np.ones(lattice.shape, bool))
-    np.testing.assert_array_equal(lattice.points(index), points)
+    points = lattice.points(np.argwhere(np.ones(lattice.shape, bool)))
+    assert np.ptp(points, axis=0) == pytest.approx(2.0 + 2 * lattice.step)
+    np.testing.assert_array_equal(np.concatenate([lattice.layer(number) for number in range(lattice.shape[0])]), points)
     corners = octree.corner_points[np.unique(octree.corners[octree.cells == octree.cells.min()])] * (2.0 / CELLS) - 1.0
     places = (corners - points[0]) / lattice.step
     np.testing.assert_allclose(places, places.round(), atol=1e-9)

@@ -31,11 +31,13 @@ class Lattice:
         last = (octree.origins + octree.cells[:, None]).max(axis=0) // unit + border
         return Lattice(first, tuple((last + 1 - first).tolist()), unit * 2.0 / CELLS)
 
-    def points(self, index: np.ndarray | None = None) -> np.ndarray:
-        """(P, 3) normalized coordinates of (P, 3) indices, which need not be whole numbers; of all points without them."""
-        if index is None:
-            index = np.indices(self.shape).reshape(3, -1).T
+    def points(self, index: np.ndarray) -> np.ndarray:
+        """(P, 3) normalized coordinates of (P, 3) indices, which need not be whole numbers."""
         return (index + self.first) * self.step - 1.0
+
+    def layer(self, number: int) -> np.ndarray:
+        """(Y * Z, 3) normalized coordinates of all points whose first index is this number."""
+        return self.points(np.indices((1, *self.shape[1:])).reshape(3, -1).T + [number, 0, 0])
 
 
 def fuse_signed_distances(
