@@ -7,6 +7,7 @@ the registration wrote it, segmentation.json with the quality of the masks, expo
 import argparse
 import contextlib
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +68,8 @@ def write_segmented(
     dropped: set[str],
     record: dict[str, Any],
     exposure: Exposure | None = None,
+    missed_px: float | None = None,
+    bent_px: float | None = None,
 ) -> None:
     """Write the cameras folder.
 
@@ -77,6 +80,8 @@ def write_segmented(
         dropped: names of images that are left out.
         record: for segmentation.json.
         exposure: of the views, where it was estimated already.
+        missed_px: by how much the outlines of the masks that are kept miss each other, likewise.
+        bent_px: the same before the scene's cameras were adjusted to outlines, where they were.
     """
     registration = read_registration(scene)
     exposure = exposure or estimate_exposure(scene, views)
@@ -96,7 +101,9 @@ def write_segmented(
                 model.deregister_frame(model.images[image_id].frame_id)
         kept = [index for index, view in enumerate(views) if view.camera.name not in dropped]
         cameras, kept_masks = [views[index].camera for index in kept], [masks[index] for index in kept]
-        straightened = straighten_cameras(model, cameras, kept_masks)
+        straightened = straighten_cameras(model, cameras, kept_masks, missed_px)
+        if bent_px is not None:
+            straightened = replace(straightened, before_px=bent_px)
         write_reconstruction(straightened.model, folder / "sparse")
         equalize_exposure(folder, views, exposure)
         _write_confidence(folder, straightened.cameras, kept_masks)
