@@ -45,7 +45,7 @@ class GradeMeasure:
 # truth was made stricter before: no right surface of 212 had normals off by more than 13.3. What
 # is sparse by silhouettes and roughness was fitted on 182 meshes there, with one object left out in turn. Displaced surface was set on
 # these and on real captures; colours decide none of these, and their limit allows the highlights of clean real captures. By how much
-# outlines miss each other was set on 90 sets of found masks: right ones had 0 to 4.3, and once 7.7; the four beyond 8 (9.3 to 12) lacked a
+# outlines miss each other was set on 67 sets of found masks: right ones had 0 to 4.3, and once 7.7; the four beyond 8 (9.3 to 12) lacked a
 # part of the object or were of bent cameras.
 MEASURES = (
     GradeMeasure("registered_share", "photos whose camera was found", 0.9, 0.6, at_least=True),
