@@ -5,6 +5,7 @@ other, cameras are adjusted to those of the network, and the masks are found ane
 bent as a whole fit them nearly as well afterwards.
 """
 
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -43,10 +44,6 @@ def straighten_scene(scene: Path, views: Sequence[View], network: SalientObjectN
     (missed_px, left_px), (error_px, error_after_px) = adjusted.missed_px, adjusted.error_px
     if left_px > LEFT_SHARE * missed_px or error_after_px > MOST_ERROR_GROWTH * error_px:
         return False
-    for path in sorted(scene.rglob("*")):
-        place = folder / path.relative_to(scene)
-        if path.is_file() and place.parts[len(folder.parts)] != "sparse":
-            place.parent.mkdir(parents=True, exist_ok=True)
-            link_or_copy(path, place)
+    shutil.copytree(scene, folder, ignore=shutil.ignore_patterns("sparse"), copy_function=link_or_copy, dirs_exist_ok=True)
     write_reconstruction(adjusted.model, folder / "sparse")
     return True

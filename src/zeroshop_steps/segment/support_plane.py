@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from zeroshop_steps.geometry.cameras.pinhole import SparseModel
 from zeroshop_steps.geometry.cameras.registered_views import View, read_views
 from zeroshop_steps.networks.saliency.saliency_maps import find_maps
 from zeroshop_steps.networks.saliency.salient_object import SalientObjectNetwork
@@ -66,27 +67,26 @@ def write_found_masks(
 ) -> None:
     """Find the masks of a registered scene, and write its cameras folder."""
     start_s = time.monotonic()
-    views, _ = read_views(args.scene)
+    views, model = read_views(args.scene)
     images = [view.image_path for view in views]
     saliency = None if network is None else find_maps(args.scene, network, images, args.image_width_px)
     exposure = estimate_exposure(args.scene, views)
     place = None if args.objects is None else read_center(args.objects, args.number)
 
-    def find(scene: Path) -> FoundMasks:
-        views, model = read_views(scene)
+    def find(scene: Path, views: list[View], model: SparseModel) -> FoundMasks:
         masks, record = find_masks(views, model, exposure, saliency, network, args.image_width_px, args.seed, place, segmenter)
         kept = [number for number, view in enumerate(views) if view.camera.name not in record["dropped"]]
         missed_px = measure_silhouette_misses_px([views[number].camera for number in kept], [masks[number] for number in kept])
         return FoundMasks(scene, views, masks, record, missed_px)
 
     with show_rejected_masks(images, args.rejected):
-        found = find(args.scene)
+        found = find(args.scene, views, model)
     with scratch_directory(args.out, "straightened") as folder:
         bent_px, missed_px = None, found.missed_px or 0.0
         # Of several objects, one is found by its place, which is that of the bent cameras.
         if network is not None and place is None and missed_px > MOST_MISSED_PX and straighten_scene(args.scene, views, network, folder):
             with suppress(StepError):
-                straight = find(folder)
+                straight = find(folder, *read_views(folder))
                 if (straight.missed_px or 0.0) < missed_px:
                     found, bent_px = straight, missed_px
         record = found.record | {"method": method, "seconds": round(time.monotonic() - start_s, 2)}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numba import cuda
 
-from zeroshop_steps.geometry.rendering.rasterization_kernel import find_pixels, read_corners, weigh_corners
+from zeroshop_steps.geometry.rendering.rasterization_kernel import find_pixels, read_corners, share_pixel, weigh_corners
 from zeroshop_steps.runtime.compute.device_arrays import THREADS, blocks_of_threads
 
 LAST_FACE = 0x7FFFFFFF
@@ -81,11 +81,6 @@ def _share_corners(pixels, depths, faces, kept, shares):
     height, width = kept.shape[1], kept.shape[2]
     picture, row, column = thread // (height * width), thread // width % height, thread % width
     noted = kept[picture, row, column]
-    if noted == 0:
-        return
-    corners = read_corners(pixels[picture], depths[picture], faces, LAST_FACE - (noted & LAST_FACE))
-    wa, wb, wc = weigh_corners(corners, np.float32(column), np.float32(row))
-    depth = np.float32(1) / (wa + wb + wc)
-    shares[picture, row, column, 0] = wa * depth
-    shares[picture, row, column, 1] = wb * depth
-    shares[picture, row, column, 2] = wc * depth
+    if noted > 0:
+        corners = read_corners(pixels[picture], depths[picture], faces, LAST_FACE - (noted & LAST_FACE))
+        share_pixel(corners, column, row, shares[picture, row, column])

@@ -65,6 +65,16 @@ def find_pixels(corners, first_row, last_row, width, nearest_depth):
     return left, right, top, bottom
 
 
+@numba.njit(cache=True, forceinline=True)
+def share_pixel(corners, column, row, shares):
+    """Write the shares of a face's corners on the surface, (3,) float32, that a pixel shows, unless it lies outside the face."""
+    wa, wb, wc = weigh_corners(corners, np.float32(column), np.float32(row))
+    near = wa + wb + wc
+    if near > np.float32(0):  # a device that found the face may round otherwise at its rim
+        depth = np.float32(1) / near
+        shares[0], shares[1], shares[2] = wa * depth, wb * depth, wc * depth
+
+
 @numba.njit(cache=True, parallel=True)
 def draw_nearest(pixels, depths, faces, nearest_depth, bands, inverse_depth, face_of):
     """Draw the faces of one mesh in P pictures, the nearest in front; of those at the same depth, the first.
@@ -113,13 +123,6 @@ def find_shares(pixels, depths, faces, face_of, shares_of):
         for column in range(width):
             shares_of[picture, row, column] = 0
             face = face_of[picture, row, column]
-            if face < 0:
-                continue
-            corners = read_corners(pixels[picture], depths[picture], faces, face)
-            wa, wb, wc = weigh_corners(corners, np.float32(column), np.float32(row))
-            near = wa + wb + wc
-            if near > np.float32(0):  # a device that found the face may round otherwise at its rim
-                depth = np.float32(1) / near
-                shares_of[picture, row, column, 0] = wa * depth
-                shares_of[picture, row, column, 1] = wb * depth
-                shares_of[picture, row, column, 2] = wc * depth
+            if face >= 0:
+                corners = read_corners(pixels[picture], depths[picture], faces, face)
+                share_pixel(corners, column, row, shares_of[picture, row, column])
