@@ -83,4 +83,4 @@ def _share_corners(pixels, depths, faces, kept, shares):
     noted = kept[picture, row, column]
     if noted > 0:
         corners = read_corners(pixels[picture], depths[picture], faces, LAST_FACE - (noted & LAST_FACE))
-        share_pixel(corners, column, row, shares[picture, row, column])
+        share_pixel(corners, picture, row, column, shares)

@@ -66,13 +66,15 @@ def find_pixels(corners, first_row, last_row, width, nearest_depth):
 
 
 @numba.njit(cache=True, forceinline=True)
-def share_pixel(corners, column, row, shares):
-    """Write the shares of a face's corners on the surface, (3,) float32, that a pixel shows, unless it lies outside the face."""
+def share_pixel(corners, picture, row, column, shares):
+    """Write the shares of a face's corners at a pixel into (P, H, W, 3) float32, unless the pixel lies outside the face."""
     wa, wb, wc = weigh_corners(corners, np.float32(column), np.float32(row))
     near = wa + wb + wc
     if near > np.float32(0):  # a device that found the face may round otherwise at its rim
         depth = np.float32(1) / near
-        shares[0], shares[1], shares[2] = wa * depth, wb * depth, wc * depth
+        shares[picture, row, column, 0] = wa * depth
+        shares[picture, row, column, 1] = wb * depth
+        shares[picture, row, column, 2] = wc * depth
 
 
 @numba.njit(cache=True, parallel=True)
@@ -125,4 +127,4 @@ def find_shares(pixels, depths, faces, face_of, shares_of):
             face = face_of[picture, row, column]
             if face >= 0:
                 corners = read_corners(pixels[picture], depths[picture], faces, face)
-                share_pixel(corners, column, row, shares_of[picture, row, column])
+                share_pixel(corners, picture, row, column, shares_of)
