@@ -121,6 +121,14 @@ def test_cells_say_what_helps(report):
             "move the camera around it instead",
         ),
         ("register", "the cameras of all 9 photos see the object from nearly the same direction, within 8 degrees", "go all around"),
+        ("register", "all images in capture/images are alike; the camera must move around the object", "All photos show the same"),
+        ("register", "by aliked: the network did something new", "sharper pictures"),
+        (
+            "register",
+            "by colmap: the 10 photos do not show one scene, or do not overlap: 2 photos (a.jpg to b.jpg), 4 that fit to no other fit"
+            " together; by aliked: 7 of 10 images registered",
+            "leave the object where it lies",
+        ),
         ("register", "the network finds no matches between the images", "matched no pictures"),
         ("register", "the network found no camera for a.jpg", "register by colmap"),
         ("evaluate", "the raw mesh was made without cameras", "surface method that uses cameras"),
