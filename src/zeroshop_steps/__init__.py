@@ -3,7 +3,7 @@
 import os
 import zlib  # noqa: F401
 
-__version__ = "0.42.0"
+__version__ = "0.43.0"
 
 # Open3D carries a TBB that numba finds too old and warns of; ask for OpenMP first.
 os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp workqueue tbb")
