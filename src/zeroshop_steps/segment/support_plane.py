@@ -21,14 +21,7 @@ from zeroshop_steps.segment.list_objects import read_center
 from zeroshop_steps.segment.outlines.prompts import PromptedSegmenter
 from zeroshop_steps.segment.photometry.exposure import estimate_exposure
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
-from zeroshop_steps.segment.straightened_scene import (
-    ERROR_GROWTH,
-    FOUND_ERROR_GROWTH,
-    FOUND_LEFT_SHARE,
-    LEFT_SHARE,
-    see_things,
-    straighten_scene,
-)
+from zeroshop_steps.segment.straightened_scene import straighten_scene
 
 METHOD = {"rank": 2, "in_scene": True, "runtime_min": 60}
 
@@ -90,8 +83,9 @@ def write_found_masks(
         found = find(args.scene, views, model)
     with scratch_directory(args.out, "straightened") as folder:
         bent_px, missed_px = None, found.missed_px or 0.0
+        kept = [mask & (view.camera.name not in found.record["dropped"]) for view, mask in zip(views, found.masks, strict=True)]
         # Of several objects, one is found by its place, which is that of the bent cameras.
-        if place is None and missed_px > MOST_MISSED_PX and _straighten(found, network, folder):
+        if place is None and missed_px > MOST_MISSED_PX and straighten_scene(args.scene, views, kept, network, folder):
             with suppress(StepError):
                 straight = find(folder, *read_views(folder))
                 if (straight.missed_px or 0.0) < missed_px:
@@ -101,16 +95,3 @@ def write_found_masks(
             record |= {"network": network.name, "segmenter": None if segmenter is None else segmenter.name}
         dropped = set(record["dropped"])
         write_segmented(found.scene, args.out, found.views, found.masks, dropped, record, exposure, found.missed_px, bent_px)
-
-
-def _straighten(found: FoundMasks, network: SalientObjectNetwork | None, folder: Path) -> bool:
-    """Fill a folder with the scene whose cameras are adjusted to the outlines that a network sees, else to those of the found masks."""
-    if network is not None:
-        seen = see_things(found.views, network)
-        if straighten_scene(found.scene, found.views, seen, LEFT_SHARE, ERROR_GROWTH, folder):
-            return True
-    kept = [
-        np.zeros_like(mask) if view.camera.name in found.record["dropped"] else mask
-        for view, mask in zip(found.views, found.masks, strict=True)
-    ]
-    return straighten_scene(found.scene, found.views, kept, FOUND_LEFT_SHARE, FOUND_ERROR_GROWTH, folder)

@@ -37,8 +37,8 @@ BY_FAILURE = (
     ("register", "what turns is too little", "The object turned before a background that stands still: move the camera around it instead, "
      "hang a plain cloth behind it, or give masks of the object."),
     ("register", "nearly the same direction", "All photos are from one side: go all around the object."),
-    ("register", "do not show one scene", "The photos do not fit together: leave the object where it lies, go around it with the camera, and "
-     "take more photos in between, on a ground with more texture."),
+    ("register", "do not show one scene", "The photos do not fit together: leave the object where it lies, go around it with the camera, "
+     "and take more photos in between, on a ground with more texture."),
     ("register", "images registered", "Too few photos could be registered: put more texture under the object (the printed ground), take "
      "more photos with more overlap, and do not move the object or what lies around it."),
     ("register", "is self-consistent but incorrect", "Cameras were found, but they contradict the masks. Often, faces of the object look "
