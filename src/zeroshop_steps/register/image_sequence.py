@@ -23,7 +23,7 @@ AGREEING_SHARE = 0.7  # of the matches of a pair that cameras explain, for the p
 REACHES = 1, 2, 3  # steps between images that are mapped at first: few may hold them together, many may be as far apart as equal sides
 CONTRADICTED_SHARE = 0.5
 """Of the matches of two images that follow one another, beyond what is usual, for cameras to be as likely wrong as right. Folded models of
-rendered objects had 0.6 to 1.0, right ones up to 0.08, and a plush sitting on folds of cloth 0.44."""
+rendered objects had 0.59 to 0.91, right ones up to 0.19, and a plush sitting on folds of cloth 0.44."""
 
 
 def are_in_order(database: Path) -> bool:
