@@ -60,7 +60,10 @@ class PhotoAligner:
         """The similarity after Gauss-Newton steps on the outlines alone."""
         for _ in range(OUTLINE_STEPS):
             middle = middle_of(mesh, transform)
-            transform = apply_steps(transform[None], solve_steps(*comparison.outline_rows(transform, middle)), middle)[0]
+            rows, gaps, weights = comparison.outline_rows(transform, middle)
+            if not weights.size:
+                break
+            transform = apply_steps(transform[None], solve_steps(rows, gaps, weights), middle)[0]
         return transform
 
     def _fit_in_small_steps(self, mesh: Mesh, comparison: PhotoComparison, best: PhotoFit) -> PhotoFit:

@@ -91,11 +91,13 @@ class PhotoComparison:
     def outline_rows(self, photos_from_mesh: np.ndarray, middle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A Gauss-Newton step's (1, N, 7) rows, (1, N) gaps and (1, N) weights that bring the outlines onto the masks' edges.
 
+        There are none where no photo shows the mesh.
+
         Args:
             photos_from_mesh: (4, 4) the similarity so far.
             middle: (3,) about which it changes.
         """
-        rows, gaps, weights = [], [], []
+        rows, gaps, weights = [np.zeros((0, 7))], [np.zeros(0)], [np.zeros(0)]
         for photo, hits in self._cast(photos_from_mesh, self.photos):
             contour = hits.mask & ~binary_erosion(hits.mask, border_value=1)
             row, column = np.nonzero(contour)
