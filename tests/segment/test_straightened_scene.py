@@ -29,8 +29,9 @@ def write_scene(folder, made, cameras):
 def straighten(monkeypatch, tmp_path, views, seen, found=None):
     """`seen` by the network, `found` with the cameras; nothing where they are None."""
     nothing = [np.zeros((view.camera.height_px, view.camera.width_px), bool) for view in views]
-    monkeypatch.setattr(straightened_scene, "see_things", lambda views, network: seen or nothing)
-    return straighten_scene(tmp_path / "scene", views, found or nothing, object(), tmp_path / "straight")
+    seen, found = ({view.camera.name: mask for view, mask in zip(views, masks or nothing, strict=True)} for masks in (seen, found))
+    monkeypatch.setattr(straightened_scene, "see_things", lambda views, network: seen)
+    return straighten_scene(tmp_path / "scene", views, found, object(), tmp_path / "straight")
 
 
 def cut_off(masks):

@@ -38,14 +38,14 @@ a gnome whose masks lack parts 0.77 and 1.09, 0.86 and 1.32."""
 
 
 def straighten_scene(
-    scene: Path, views: Sequence[View], masks: Sequence[np.ndarray], network: SalientObjectNetwork | None, folder: Path
+    scene: Path, views: Sequence[View], masks: dict[str, np.ndarray], network: SalientObjectNetwork | None, folder: Path
 ) -> bool:
     """Fill a folder with a scene whose cameras are adjusted to the outlines that a network sees in each photo, else to those of masks.
 
     Args:
         scene: the registration's folder.
         views: its views.
-        masks: (H, W) bool in their order and size, that were found with these cameras; empty ones do not count.
+        masks: {image name: (H, W) bool} that were found with these cameras; images without one are held by matches alone.
         network: sees the object.
         folder: to fill.
 
@@ -61,15 +61,16 @@ def straighten_scene(
     return True
 
 
-def see_things(views: Sequence[View], network: SalientObjectNetwork) -> list[np.ndarray]:
-    """(H, W) bool: what a network sees in each photo."""
+def see_things(views: Sequence[View], network: SalientObjectNetwork) -> dict[str, np.ndarray]:
+    """{image name: (H, W) bool}: what a network sees in each photo."""
     sizes_px = [(view.camera.width_px, view.camera.height_px) for view in views]
-    return cut_main_things(find_object_maps(network, [view.image_path for view in views]), sizes_px)
+    seen = cut_main_things(find_object_maps(network, [view.image_path for view in views]), sizes_px)
+    return {view.camera.name: mask for view, mask in zip(views, seen, strict=True)}
 
 
-def _adjust(scene: Path, views: Sequence[View], masks: Sequence[np.ndarray], limits: Limits) -> AdjustedModel | None:
-    """The scene's model adjusted to the outlines of (H, W) bool masks; None where it does not fit within the limits."""
-    seen = {view.camera.name: mask for view, mask in zip(views, masks, strict=True) if mask.any() and not mask.all()}
+def _adjust(scene: Path, views: Sequence[View], masks: dict[str, np.ndarray], limits: Limits) -> AdjustedModel | None:
+    """The scene's model adjusted to the outlines of masks, {image name: (H, W) bool}; None where it does not fit within the limits."""
+    seen = {name: mask for name, mask in masks.items() if mask.any() and not mask.all()}
     if not seen:
         return None
     adjusted = adjust_model_by_masks(read_reconstruction(scene / "sparse"), [view.camera for view in views], seen, found=True)

@@ -83,7 +83,8 @@ def write_found_masks(
         found = find(args.scene, views, model)
     with scratch_directory(args.out, "straightened") as folder:
         bent_px, missed_px = None, found.missed_px or 0.0
-        kept = [mask & (view.camera.name not in found.record["dropped"]) for view, mask in zip(views, found.masks, strict=True)]
+        named = {view.camera.name: mask for view, mask in zip(views, found.masks, strict=True)}
+        kept = {name: mask for name, mask in named.items() if name not in found.record["dropped"]}
         # Of several objects, one is found by its place, which is that of the bent cameras.
         if place is None and missed_px > MOST_MISSED_PX and straighten_scene(args.scene, views, kept, network, folder):
             with suppress(StepError):
